@@ -51,11 +51,7 @@ class Program:
         self._solver = solver
 
     def __call__(
-        self,
-        start: Array,
-        parameters: Array,
-        bounds: Bounds,
-        constraint_bounds: Bounds,
+        self, start: Array, parameters: Array, bounds: Bounds, constraint_bounds: Bounds
     ) -> Run:
         """One run of IPOPT.
 
@@ -117,11 +113,7 @@ def program(
         "f": objective,
         "g": vector(constraints),
     }
-    solver_options = {
-        "print_time": False,
-        "error_on_fail": False,
-        "ipopt": {**_QUIET, **options},
-    }
+    solver_options = {"print_time": False, "error_on_fail": False, "ipopt": {**_QUIET, **options}}
     return Program(ca.nlpsol(name, "ipopt", nlp, solver_options))
 
 

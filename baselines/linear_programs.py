@@ -72,12 +72,7 @@ class LinearProgram:
         self._set_tolerance(tolerance)
 
     def load(
-        self,
-        low: Array,
-        high: Array,
-        matrix: Any,
-        above: Array,
-        below: Array | None = None,
+        self, low: Array, high: Array, matrix: Any, above: Array, below: Array | None = None
     ) -> None:
         """Replace the program by `below ≤ matrix x ≤ above` and `low ≤ x ≤ high`.
 
@@ -110,11 +105,7 @@ class LinearProgram:
         Raises:
             TrajoptError: HiGHS breaks down.
         """
-        self.highs.changeColsCost(
-            len(self.variables),
-            self.variables,
-            objective,
-        )
+        self.highs.changeColsCost(len(self.variables), self.variables, objective)
         words = self.solver.HighsModelStatus
         status = self._run()
         if status not in (words.kOptimal, words.kInfeasible):
@@ -125,11 +116,7 @@ class LinearProgram:
             raise TrajoptError(f"HiGHS ended with {status}")
         solution = self.highs.getSolution()
         value = float(self.highs.getInfo().objective_function_value)
-        return Answer(
-            np.array(solution.col_value),
-            value,
-            -np.array(solution.row_dual),
-        )
+        return Answer(np.array(solution.col_value), value, -np.array(solution.row_dual))
 
     def _run(self) -> Any:
         self.highs.run()
@@ -153,8 +140,7 @@ class LinearProgram:
 
     def _set_tolerance(self, tolerance: float) -> None:
         self._set_options(
-            primal_feasibility_tolerance=tolerance,
-            dual_feasibility_tolerance=tolerance,
+            primal_feasibility_tolerance=tolerance, dual_feasibility_tolerance=tolerance
         )
 
     def _set_options(self, **options: object) -> None:
@@ -176,19 +162,8 @@ class LinearProgram:
         """Begin the next minimum at the basis of another program."""
         self.highs.setBasis(basis)
 
-    def add_row(
-        self,
-        columns: Any,
-        coefficients: Array,
-        bound: float,
-    ) -> bool:
+    def add_row(self, columns: Any, coefficients: Array, bound: float) -> bool:
         """Append a row `≤`; return whether HiGHS accepts its numbers."""
         indices = columns.astype(np.int32)
-        status = self.highs.addRow(
-            -np.inf,
-            bound,
-            len(indices),
-            indices,
-            coefficients,
-        )
+        status = self.highs.addRow(-np.inf, bound, len(indices), indices, coefficients)
         return bool(status != self.solver.HighsStatus.kError)

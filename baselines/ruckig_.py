@@ -132,11 +132,7 @@ class Sections:
         self._unit_lengths = _travelled(self.limits, self.unit_times[:, None])
         ways = np.diff(self.waypoints, axis=0)
         self._inputs = [
-            _input(
-                ruckig,
-                self.limits.in_units(time, lengths[:, None]),
-                way / lengths,
-            )
+            _input(ruckig, self.limits.in_units(time, lengths[:, None]), way / lengths)
             for way, time, lengths in zip(ways, self.unit_times, self._unit_lengths, strict=True)
         ]
         # units of the whole motion: its longest segment's time, each joint's range
@@ -190,11 +186,7 @@ class Sections:
         """
         return [
             self._time(number) if solved and self._keeps_positions(number) else np.inf
-            for number, solved in self._calculated(
-                k,
-                at_ends,
-                checked=True,
-            )
+            for number, solved in self._calculated(k, at_ends, checked=True)
         ]
 
     def motions(self, states: Array) -> Iterator[Trajectory]:
@@ -227,34 +219,16 @@ class Sections:
                 if t > 0:
                     # q(t) = p + v t + a t²/2 + j t³/6
                     lengths.append(t)
-                    cubics.append(
-                        [
-                            j / 6,
-                            a / 2,
-                            v,
-                            p,
-                        ]
-                    )
+                    cubics.append([j / 6, a / 2, v, p])
         if not lengths:
             lengths = [self._trajectory.duration]
-            cubics = [
-                [
-                    0.0,
-                    0.0,
-                    profile.vf,
-                    profile.pf,
-                ]
-            ]
+            cubics = [[0.0, 0.0, profile.vf, profile.pf]]
         breaks = np.append(0.0, np.cumsum(lengths))
         breaks[-1] = self._trajectory.duration
         return breaks, np.array(cubics).T
 
     def _calculated(
-        self,
-        k: Numbers,
-        at_ends: Array,
-        *,
-        checked: bool = False,
+        self, k: Numbers, at_ends: Array, *, checked: bool = False
     ) -> Iterator[tuple[int, bool]]:
         """Yield each case's segment, and whether Ruckig has just solved it.
 
@@ -275,11 +249,7 @@ class Sections:
     def _solves(self, given: Any, checked: bool) -> bool:
         self.evaluations += 1
         try:
-            if checked and not self._solver.validate_input(
-                given,
-                True,
-                True,
-            ):
+            if checked and not self._solver.validate_input(given, True, True):
                 return False
             return self._solver.calculate(given, self._trajectory) in self._success
         except self._errors:
@@ -322,9 +292,7 @@ def _input(ruckig: Any, limits: Limits, target: Array) -> Any:
 
 
 def section(
-    limits: Limits,
-    start: tuple[Array, Array, Array],
-    end: tuple[Array, Array, Array],
+    limits: Limits, start: tuple[Array, Array, Array], end: tuple[Array, Array, Array]
 ) -> tuple[float, Array]:
     """Solve one section between two states (position, velocity, acceleration; each `(joints,)`).
 
@@ -361,21 +329,10 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     guesses = _guesses(sections)
     while sections.evaluations < evaluations:
         radius = generator.choice(_RANDOM_RADII)
-        start = generator.uniform(
-            *_trust_region(
-                sections,
-                best,
-                radius,
-            )
-        )
+        start = generator.uniform(*_trust_region(sections, best, radius))
         if guesses:
             start = guesses.pop(0)
-        states, total = _descended(
-            sections,
-            programs,
-            start,
-            evaluations,
-        )
+        states, total = _descended(sections, programs, start, evaluations)
         if total < shortest:
             best = states
             shortest = total
@@ -397,10 +354,7 @@ def _guesses(sections: Sections) -> list[Array]:
 
 
 def _descended(
-    sections: Sections,
-    programs: StepPrograms,
-    states: Array,
-    evaluations: int,
+    sections: Sections, programs: StepPrograms, states: Array, evaluations: int
 ) -> tuple[Array, float]:
     """Return a local optimum and its total time, by sequential linear programming.
 
@@ -494,11 +448,7 @@ class StepPrograms:
         if answer is None:
             return states
         rise, fall = answer[: slack.size].reshape(slack.shape)
-        return np.clip(
-            states + (rise - fall) * units,
-            lower,
-            upper,
-        )
+        return np.clip(states + (rise - fall) * units, lower, upper)
 
     def _model(self, states: Array, slack: Array) -> tuple[Array, Array]:
         """Return the least times, and their slopes with the rises and falls.
@@ -524,40 +474,18 @@ class StepPrograms:
         minima = self._sections.minima(numbers, moved)
         times = minima[:count]
         change = minima[count:] - times[segment]
-        slope = np.divide(
-            change,
-            step,
-            out=np.zeros_like(step),
-            where=step != 0,
-        )
+        slope = np.divide(change, step, out=np.zeros_like(step), where=step != 0)
         slopes = np.zeros_like(steps)
-        slopes[sign, order, end, segment] = np.where(
-            np.isnan(slope),
-            0.0,
-            slope,
-        )
+        slopes[sign, order, end, segment] = np.where(np.isnan(slope), 0.0, slope)
         up, down = slopes
-        slopes = np.where(
-            up < down,
-            0.5 * (up + down),
-            slopes,
-        )
-        return np.where(
-            np.isnan(times),
-            0.0,
-            times,
-        ), slopes * _SIGNS
+        slopes = np.where(up < down, 0.5 * (up + down), slopes)
+        return np.where(np.isnan(times), 0.0, times), slopes * _SIGNS
 
 
 # --- the answer ---
 
 
-def _solution(
-    problem: Problem,
-    sections: Sections,
-    states: Array,
-    history: History,
-) -> Solution:
+def _solution(problem: Problem, sections: Sections, states: Array, history: History) -> Solution:
     try:
         motions = [*sections.motions(states)]
     except ArithmeticError as error:

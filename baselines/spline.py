@@ -42,11 +42,7 @@ _OPTIONS = {
     "bound_relax_factor": 0.0,  # else every limit is passed by 1e-8, and no round is the last
 }
 # IPOPT stops close enough to an optimum: the exact dilation mends the rest.
-_ENDED = (
-    "Solve_Succeeded",
-    "Solved_To_Acceptable_Level",
-    "Search_Direction_Becomes_Too_Small",
-)
+_ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level", "Search_Direction_Becomes_Too_Small")
 # Instants per piece, joint and limit: evenly spread ones that stay, and those that move.
 _STAY = 7
 _MOVE = 9
@@ -126,10 +122,7 @@ class Spline(Planner):
     def _family(self, problem: Problem) -> Family:
         shape = self.shape or str(self.degree)
         return spline_family.family(
-            shape,
-            problem.segments,
-            self.ends,
-            jerk_limited=problem.has("jerk"),
+            shape, problem.segments, self.ends, jerk_limited=problem.has("jerk")
         )
 
     @passing_once
@@ -152,10 +145,7 @@ class Spline(Planner):
             optima.append(optimum)
         statuses = [optimum.status for optimum in optima]
         durations = [optimum.duration for optimum in optima]
-        stats: dict[str, Any] = {
-            "start_status": statuses,
-            "start_duration": np.array(durations),
-        }
+        stats: dict[str, Any] = {"start_status": statuses, "start_duration": np.array(durations)}
         best = optima[int(np.argmin(durations))]
         if not best.duration < np.inf:
             return Solution(
@@ -165,12 +155,7 @@ class Spline(Planner):
                 stats=stats,
             )
         stats["piece_times"] = best.times
-        return Solution(
-            Status.SOLVED,
-            motion.trajectory(best),
-            setup_time=setup_time,
-            stats=stats,
-        )
+        return Solution(Status.SOLVED, motion.trajectory(best), setup_time=setup_time, stats=stats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,10 +258,7 @@ class _Motion:
         return of_segments[list(self.family.segments)]
 
     def exchanged(
-        self,
-        times: Array,
-        controls: Array,
-        instants: list[_Instants],
+        self, times: Array, controls: Array, instants: list[_Instants]
     ) -> tuple[float, float, list[_Instants]]:
         """The exact dilation, how far a position leaves its limits, and each limit's instants.
 
@@ -401,11 +383,7 @@ def _local_minima(points: Array, values: Array) -> Indices:
 
 
 def _exchange(
-    solver: Program,
-    motion: _Motion,
-    start: tuple[Array, Array],
-    shortest: float,
-    most_rounds: int,
+    solver: Program, motion: _Motion, start: tuple[Array, Array], shortest: float, most_rounds: int
 ) -> _Optimum:
     """The local optimum from one start, its limits kept at every instant.
 
@@ -453,11 +431,7 @@ def _exchange(
 
 
 def _solve_at(
-    solver: Program,
-    motion: _Motion,
-    times: Array,
-    controls: Array,
-    instants: list[_Instants],
+    solver: Program, motion: _Motion, times: Array, controls: Array, instants: list[_Instants]
 ) -> tuple[str, tuple[Array, Array] | None]:
     """One NLP from these times and controls, its limits imposed at these instants.
 

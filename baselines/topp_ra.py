@@ -127,12 +127,7 @@ def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
     return Trajectory(at, cubics.c, at)
 
 
-def along(
-    problem: Problem,
-    trajectory: Trajectory,
-    *,
-    gridpoints: int = 1000,
-) -> Solution:
+def along(problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000) -> Solution:
     """Return the fastest timing of a trajectory's path under velocity and acceleration limits.
 
     The robot rests at both ends. Where the path stands still (`q'(s) = 0`), as that of a trajectory
@@ -149,13 +144,7 @@ def along(
     trajectory = _straightened(trajectory)
     trajectory = _reversed(_straightened(_reversed(trajectory)))
     for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
-        solution = _along(
-            problem.limits,
-            trajectory,
-            size,
-            scale,
-            wider,
-        )
+        solution = _along(problem.limits, trajectory, size, scale, wider)
         if solution.trajectory is not None:
             break
     return solution
@@ -181,19 +170,14 @@ def sampled_dilation(limits: Limits, path: Trajectory) -> float:
 
 
 def _along(
-    limits: Limits,
-    trajectory: Trajectory,
-    gridpoints: int,
-    scale: float,
-    wider: float,
+    limits: Limits, trajectory: Trajectory, gridpoints: int, scale: float, wider: float
 ) -> Solution:
     """Time the path on one grid; `scale` is about the dilation that its own timing needs."""
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
     own_limits = Limits(
-        velocity=limits.velocity * unit * wider,
-        acceleration=limits.acceleration * unit**2 * wider,
+        velocity=limits.velocity * unit * wider, acceleration=limits.acceleration * unit**2 * wider
     )
     slopes = np.abs(path([0.0, path.duration], order=1))
     use = (slopes / own_limits.velocity[:, 1]).max(axis=1)
@@ -320,10 +304,7 @@ def cut(path: Trajectory) -> Grid:
 
 
 def _path_speeds(
-    grid: Grid,
-    limits: Limits,
-    highest_start: float,
-    highest_end: float,
+    grid: Grid, limits: Limits, highest_start: float, highest_end: float
 ) -> tuple[Array | None, str]:
     """Return the path speed at every gridpoint, or None and the reason.
 
@@ -406,11 +387,7 @@ def _constraint(grid: Grid, limits: Limits) -> Any:
     return constraint
 
 
-def _normalised(
-    a: Array,
-    b: Array,
-    c: Array,
-) -> Array:
+def _normalised(a: Array, b: Array, c: Array) -> Array:
     """Divide each row by its largest coefficient, `(3, …)`, for the absolute tolerances."""
     largest = np.maximum(np.abs(a), np.abs(b))
     constant = np.abs(c) / _FREE_SPEED**2
@@ -432,11 +409,7 @@ def _speed_bounds(first: Array, velocity: Array) -> Array:
     return np.stack([np.zeros_like(top), top], axis=1)
 
 
-def timed(
-    grid: Grid,
-    speeds: Array,
-    waypoints: Array,
-) -> Trajectory:
+def timed(grid: Grid, speeds: Array, waypoints: Array) -> Trajectory:
     """Return the path at `s(t)`, quadratic on each interval; `waypoints` are parameters."""
     # a step takes 2 Δ/(v_i + v_(i+1)); over it, s = c w + (1 − c) w² with w = time/step's time
     before = speeds[:-1]

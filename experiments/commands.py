@@ -25,11 +25,7 @@ from experiments.common.output import save_table
 MAIN_JOB = ("compare", "six-axis", "--certify")
 
 
-def measured(
-    command: str,
-    folder: Path,
-    seeds: int,
-) -> dict[str, float]:
+def measured(command: str, folder: Path, seeds: int) -> dict[str, float]:
     """Seconds that the three take, the first into a fresh folder."""
     shutil.rmtree(folder, ignore_errors=True)
     compare = (*MAIN_JOB, "--seeds", str(seeds), "--output", str(folder))

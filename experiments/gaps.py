@@ -47,12 +47,7 @@ def cell(row: Any) -> str:
     return text
 
 
-def main(
-    *,
-    suite: list[str] | None = None,
-    output: Path = Path("gaps"),
-    jobs: int = 2,
-) -> None:
+def main(*, suite: list[str] | None = None, output: Path = Path("gaps"), jobs: int = 2) -> None:
     """Run what is missing, then write and print the table.
 
     Args:

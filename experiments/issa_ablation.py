@@ -48,23 +48,11 @@ CHOICES: dict[str, Any] = {
     "eq49": "printed",
     "eq50": "printed",
 }
-OPTIMISERS: dict[str, Optimiser] = {
-    "PSO": PSO(),
-    "SSA": SSA(),
-    "ISSA": ISSA(),
-    "CMA-ES": CMAES(),
-}
-FUNCTIONS = {
-    "sphere": np.ones(3),
-    "ellipsoid": np.array([1.0, 10.0, 100.0]),
-}
+OPTIMISERS: dict[str, Optimiser] = {"PSO": PSO(), "SSA": SSA(), "ISSA": ISSA(), "CMA-ES": CMAES()}
+FUNCTIONS = {"sphere": np.ones(3), "ellipsoid": np.array([1.0, 10.0, 100.0])}
 WIDTH = 10.0  # width of a box
 # Position of the origin in the box, and the box's low end.
-FRAMES = {
-    "at its low end": 0.0,
-    "in its middle": -5.0,
-    "far away": 100.0,
-}
+FRAMES = {"at its low end": 0.0, "in its middle": -5.0, "far away": 100.0}
 PLACES = (0.0, 0.1, 0.37, 0.5, 0.9, 1.0)
 
 
@@ -140,11 +128,7 @@ def _with(ingredient: str, some: Subset) -> Subset:
     return tuple(name for name in INGREDIENTS if name in wanted)
 
 
-def origin(
-    seeds: int,
-    evaluations: int,
-    folder: Path,
-) -> pd.DataFrame:
+def origin(seeds: int, evaluations: int, folder: Path) -> pd.DataFrame:
     """Error at the end, per function, box and place of the minimum: quartiles over seeds.
 
     The error is the function's value, 0 at best, with the box's width as the unit of length.
@@ -161,11 +145,7 @@ def origin(
     return kept(file, ["function", "origin", "place", "optimiser"], runs)
 
 
-def biased(
-    cell: Cell,
-    seeds: int,
-    evaluations: int,
-) -> Rows:
+def biased(cell: Cell, seeds: int, evaluations: int) -> Rows:
     """One cell of the table `origin`."""
     function, frame, place, name = cell
     low = np.full(3, FRAMES[frame])
@@ -177,12 +157,7 @@ def biased(
         return np.asarray((scales * offset**2).sum(axis=-1))
 
     result = minimise(
-        OPTIMISERS[name],
-        error,
-        low,
-        low + WIDTH,
-        range(seeds),
-        evaluations=evaluations,
+        OPTIMISERS[name], error, low, low + WIDTH, range(seeds), evaluations=evaluations
     )
     quartiles = statistics.quantile(result.fitness, [0.25, 0.5, 0.75])
     first, middle, third = np.asarray(quartiles)

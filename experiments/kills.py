@@ -235,12 +235,7 @@ def hit(words: Sequence[Word]) -> str:
     return "solving" if last.isdigit() else last
 
 
-def faults(
-    folder: Path,
-    promised: int,
-    stored: set[str],
-    expected: Answers,
-) -> dict[str, Any]:
+def faults(folder: Path, promised: int, stored: set[str], expected: Answers) -> dict[str, Any]:
     """Count the faults that a killed run left, and those of resuming it.
 
     `promised` is how many trials it reported, `stored` are those that `results.h5` had before.
@@ -302,11 +297,7 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     return summary.rename_axis("step hit")
 
 
-def main(
-    tries: int = 200,
-    output: Path = Path("results/kills"),
-    quick: bool = False,
-) -> None:
+def main(tries: int = 200, output: Path = Path("results/kills"), quick: bool = False) -> None:
     """Kill that often and print the table; `kills-by-step.csv` and `.md` in `output` too."""
     if quick:
         tries = min(tries, 5)

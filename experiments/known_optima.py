@@ -86,32 +86,20 @@ def line(rng: Generator, beside: float = 0.0) -> Problem:
     return Problem(waypoints, limits)
 
 
-def limited(
-    rng: Generator,
-    share: Array,
-    sides: Array,
-) -> Array:
+def limited(rng: Generator, share: Array, sides: Array) -> Array:
     """Limits for a joint's share of the way; those of all but the first are up to ten times it."""
     wider = 10 ** rng.uniform(0.0, 1.0, len(share))
     wider[0] = 1.0
     along = np.outer(wider * np.abs(share), sides)
     backwards = along[:, ::-1]
-    own = np.where(
-        share[:, None] < 0,
-        backwards,
-        along,
-    )
+    own = np.where(share[:, None] < 0, backwards, along)
     return own * [-1.0, 1.0]
 
 
 def alone(problem: Problem) -> Problem:
     """The first joint's problem."""
     limits = problem.limits
-    first = Limits(
-        limits.velocity[:1],
-        limits.acceleration[:1],
-        limits.jerk[:1],
-    )
+    first = Limits(limits.velocity[:1], limits.acceleration[:1], limits.jerk[:1])
     return Problem(problem.waypoints[:, :1], first)
 
 
@@ -132,11 +120,7 @@ def bound(problem: Problem) -> float:
     """A proved lower bound, s: of the problem, or of its first joint."""
     bounds = []
     for relaxed in (problem, alone(problem)):
-        proof = certify(
-            relaxed,
-            within=PROOF_GAP,
-            time_limit=PROOF_S,
-        )
+        proof = certify(relaxed, within=PROOF_GAP, time_limit=PROOF_S)
         bounds.append(proof.lower_bound)
         if proof.status == "proved":
             break

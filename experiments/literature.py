@@ -30,9 +30,7 @@ _PNG_DPI = 110
 
 
 def main(
-    *problem: str,
-    time_limit: float = 20.0,
-    output: Path = Path("results/literature"),
+    *problem: str, time_limit: float = 20.0, output: Path = Path("results/literature")
 ) -> None:
     """Judge every published time and write the page.
 

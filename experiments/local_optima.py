@@ -32,11 +32,7 @@ ABOVE_RTOL = 1e-9
 AGREEING = 2
 
 
-def durations(
-    problem: Problem,
-    planner: str,
-    starts: int,
-) -> pd.DataFrame:
+def durations(problem: Problem, planner: str, starts: int) -> pd.DataFrame:
     """The duration that each of so many starts leads to, s; infinite where it failed."""
     every_start = load(f"{planner}:starts={starts},agreeing={starts}")
     found = every_start.solve(problem).stats.get("start_duration", [])

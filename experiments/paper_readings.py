@@ -25,13 +25,7 @@ from numpy.typing import NDArray
 
 from experiments.common.output import save_table
 from experiments.paper.choices import READINGS, Reading
-from experiments.paper.kept_searches import (
-    ALGORITHMS,
-    NAMES,
-    interval,
-    running_times,
-    stored,
-)
+from experiments.paper.kept_searches import ALGORITHMS, NAMES, interval, running_times, stored
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
@@ -60,11 +54,7 @@ def combined(times: Array) -> dict[str, Array]:
     return values
 
 
-def judged(
-    problem: Problem,
-    read: Problem,
-    times: Array,
-) -> dict[str, object]:
+def judged(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
     """Claims of synchronised segment times `(seeds, 3)` under the problem's own limits."""
     certificates = [verify(problem, spline353.trajectory(read, own)) for own in times]
     together = all(c.valid for c in certificates)
@@ -77,29 +67,17 @@ def judged(
     }
 
 
-def alone(
-    problem: Problem,
-    read: Problem,
-    times: Array,
-) -> dict[str, object]:
+def alone(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
     """Claims of joints timed alone `(seeds, joints, 3)`, which pass no point together."""
     moving = moving_joints(times)
     displacements = read.displacements.T[moving]
     limits = problem.limits.only(moving)
     v, a, _ = spline353.limit_use(displacements, times[:, moving], limits)
     within = np.maximum(v, a).max(axis=1) <= 1 + 1e-6
-    return {
-        "keeps limits": float(np.mean(within)),
-        "passes together": False,
-    }
+    return {"keeps limits": float(np.mean(within)), "passes together": False}
 
 
-def rows(
-    reading: Reading,
-    algorithm: str,
-    timing: str,
-    times: Array,
-) -> Iterator[dict[str, Any]]:
+def rows(reading: Reading, algorithm: str, timing: str, times: Array) -> Iterator[dict[str, Any]]:
     """All the running times that one search can be said to have found."""
     problem = suite.load("six-axis")
     read = reading.problem(problem)
@@ -192,10 +170,7 @@ def order(cells: dict[str, pd.Series[Any]]) -> str:
 
 
 def main(
-    seeds: int = 50,
-    *,
-    quick: bool = False,
-    output: Path = Path("results/paper_readings"),
+    seeds: int = 50, *, quick: bool = False, output: Path = Path("results/paper_readings")
 ) -> None:
     """Search under every reading, and print what comes near the published running times."""
     iterations = 1000
@@ -212,11 +187,7 @@ def main(
             found += rows(reading, algorithm, timing, runs.times)
             advance(1)
     table = pd.DataFrame(found)
-    tables = {
-        "readings": table,
-        "nearest": nearest(table),
-        "ranking": ranking(table),
-    }
+    tables = {"readings": table, "nearest": nearest(table), "ranking": ranking(table)}
     for name, own in tables.items():
         save_table(own, output / name)
     print(tables["nearest"].to_string(index=False, float_format="{:.4f}".format))

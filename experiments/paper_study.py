@@ -79,21 +79,13 @@ def iterations(evaluations: Array, algorithm: str) -> Array:
     return np.asarray(np.ceil(beyond / planner.optimiser.evaluations_per_iteration))
 
 
-def table4(
-    found: Found,
-    joint: int,
-    algorithm: str,
-) -> dict[str, Array]:
+def table4(found: Found, joint: int, algorithm: str) -> dict[str, Array]:
     """Final durations of a joint alone, s."""
     curves = found[algorithm, "per-joint"].curves(joint - 1)
     return {"final duration": np.array([curve[-1, 1] for curve in curves])}
 
 
-def table5(
-    found: Found,
-    joint: int,
-    algorithm: str,
-) -> dict[str, Array]:
+def table5(found: Found, joint: int, algorithm: str) -> dict[str, Array]:
     """Iterations and evaluations of the searches of a joint alone."""
     spent = settled(found[algorithm, "per-joint"].curves(joint - 1))
     return {"iterations": iterations(spent, algorithm), "evaluations": spent}
@@ -126,12 +118,7 @@ def compared(name: str, found: Found) -> pd.DataFrame:
     return pd.DataFrame(rows).assign(difference=lambda t: t["ours %"] - t["paper %"])
 
 
-def synchronised(
-    found: Found,
-    problem: Problem,
-    algorithm: str,
-    timing: str,
-) -> list[Trajectory]:
+def synchronised(found: Found, problem: Problem, algorithm: str, timing: str) -> list[Trajectory]:
     """One trajectory per seed; of joints searched alone, each segment's longest time."""
     times = np.nanmax(found[algorithm, timing].times, axis=1)
     return [spline353.trajectory(problem, own) for own in times]
@@ -166,12 +153,7 @@ def running_times(found: Found, problem: Problem) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def searched(
-    output: Path,
-    problem: Problem,
-    seeds: int,
-    iterations: int,
-) -> Found:
+def searched(output: Path, problem: Problem, seeds: int, iterations: int) -> Found:
     """All searches, each stored as soon as it is done."""
     found = {}
     cases = list(itertools.product(TIMINGS, ALGORITHMS))
@@ -187,10 +169,7 @@ def searched(
 
 
 def main(
-    seeds: int = 50,
-    *,
-    quick: bool = False,
-    output: Path = Path("results/paper_study"),
+    seeds: int = 50, *, quick: bool = False, output: Path = Path("results/paper_study")
 ) -> None:
     """Run the study, write its tables, and print the claims."""
     iterations = 1000

@@ -40,12 +40,7 @@ MARGIN = 0.02  # of position limits beyond the outermost waypoints, rad
 KEY = ["planner", "waypoints"]
 
 
-def walk(
-    waypoints: int,
-    *,
-    jerk: bool,
-    position: bool,
-) -> Problem:
+def walk(waypoints: int, *, jerk: bool, position: bool) -> Problem:
     """Uniform steps of up to 1 rad; limits 1 rad/s, 2 rad/s²; 20 rad/s³ and positions, if any."""
     rng = np.random.default_rng(0)
     steps = rng.uniform(-1, 1, (waypoints, JOINTS))
@@ -57,23 +52,14 @@ def walk(
         lowest = path.min(axis=0) - MARGIN
         highest = path.max(axis=0) + MARGIN
         walls = np.stack([lowest, highest], axis=1)
-    limits = Limits(
-        each,
-        2 * each,
-        jerk_limits,
-        walls,
-    )
+    limits = Limits(each, 2 * each, jerk_limits, walls)
     return Problem(path, limits, name=f"walk-{waypoints}")
 
 
 def measured(planner: str, waypoints: int) -> list[dict[str, float]]:
     """One size's row: CPU seconds, the certified duration (s), and how many starts it took."""
     tried = load(planner)
-    problem = walk(
-        waypoints,
-        jerk="jerk" in tried.knows,
-        position="position" in tried.knows,
-    )
+    problem = walk(waypoints, jerk="jerk" in tried.knows, position="position" in tried.knows)
     solve = tried.solve
     began = time.process_time()
     solution = solve(problem)
@@ -110,11 +96,7 @@ def drawn(table: pd.DataFrame) -> Figure:
         own = own.sort_values("waypoints")
         x = own["waypoints"]
         axes.plot(
-            x,
-            own["cpu s"],
-            color=colour,
-            marker=marker,
-            label=f"{planner}: slope {slope(own):.2f}",
+            x, own["cpu s"], color=colour, marker=marker, label=f"{planner}: slope {slope(own):.2f}"
         )
     axes.set_xlabel("waypoints")
     axes.set_ylabel("CPU time, s")
@@ -122,10 +104,7 @@ def drawn(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def main(
-    most: int = 1000,
-    output: Path = Path("results/scaling"),
-) -> None:
+def main(most: int = 1000, output: Path = Path("results/scaling")) -> None:
     """Measure every size up to `most` waypoints, print the table and the slopes, draw both."""
     cells = {}
     for planner, sizes in SIZES.items():

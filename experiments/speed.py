@@ -53,12 +53,7 @@ class Way(NamedTuple):
     times: int = 1
 
 
-def side_by_side(
-    task: str,
-    ways: Sequence[Way],
-    unit: str,
-    repeats: int,
-) -> Iterator[Row]:
+def side_by_side(task: str, ways: Sequence[Way], unit: str, repeats: int) -> Iterator[Row]:
     """The least CPU time of each way, all taking turns: a machine is not always equally fast."""
     for way in ways:
         way.call()
@@ -77,11 +72,7 @@ def side_by_side(
 # --- searches ---
 
 
-def searches(
-    problem: Problem,
-    iterations: int,
-    repeats: int,
-) -> Iterator[Row]:
+def searches(problem: Problem, iterations: int, repeats: int) -> Iterator[Row]:
     """CPU time per evaluation, the fitness included; and of the fitness alone."""
     planners = {name: load_swarm(name) for name in ("pso", "ssa", "issa")}
     objective = SegmentTimes.of(problem, planners["pso"])
@@ -118,10 +109,7 @@ def _counted(name: str, search: Callable[[], int]) -> Way:
 
 
 def _ours(
-    objective: SegmentTimes,
-    planner: SwarmPlanner,
-    runs: int,
-    iterations: int,
+    objective: SegmentTimes, planner: SwarmPlanner, runs: int, iterations: int
 ) -> Callable[[], int]:
     def search() -> int:
         found = minimise(
@@ -160,11 +148,7 @@ def _scipy(objective: SegmentTimes, iterations: int) -> Callable[[], int]:
 # --- the optimum, the verifier, the wrappers ---
 
 
-def optima(
-    problem: Problem,
-    intervals: tuple[int, ...],
-    repeats: int,
-) -> Iterator[Row]:
+def optima(problem: Problem, intervals: tuple[int, ...], repeats: int) -> Iterator[Row]:
     """A planner's CPU time, and how far above the exact minimum time its answer is."""
     task = "minimum time"
     specs = ["exact", *(f"collocation:intervals={count}" for count in intervals)]
@@ -219,10 +203,7 @@ def verdicts(problem: Problem, repeats: int) -> Iterator[Row]:
 
 
 def main(
-    problem: str = "six-axis",
-    *,
-    quick: bool = False,
-    output: Path = Path("results/speed"),
+    problem: str = "six-axis", *, quick: bool = False, output: Path = Path("results/speed")
 ) -> None:
     """Measure every task and print the table."""
     loaded = catalogue.load(problem)
@@ -233,10 +214,7 @@ def main(
         iterations = 5
         intervals = ()
         repeats = 1
-    rows = [
-        *searches(loaded, iterations, repeats),
-        *verdicts(loaded, 10 * repeats),
-    ]
+    rows = [*searches(loaded, iterations, repeats), *verdicts(loaded, 10 * repeats)]
     if intervals:
         rows += optima(loaded, intervals, repeats)
     table = pd.DataFrame(rows)

@@ -70,10 +70,7 @@ def main(
         seeds = 2
         evaluations = 100
     outcome = races.run(entrants(evaluations), races.problems(problems), seeds, output)
-    tables = {
-        "summary": races.summary(outcome),
-        "compared": races.compared(outcome, pairs()),
-    }
+    tables = {"summary": races.summary(outcome), "compared": races.compared(outcome, pairs())}
     races.report(tables | {"optima": outcome.proof}, output)
 
 

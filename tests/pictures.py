@@ -65,13 +65,7 @@ class Sleepy(Planner):
     def solve(self, problem, *, seed=0):
         found = load("unoptimised").solve(problem).trajectory
         factor = 1 + seed / 10
-        history = np.array(
-            [
-                [1.0, np.nan],
-                [10.0, 8.0 * factor],
-                [99.0, 6.0 * factor],
-            ]
-        )
+        history = np.array([[1.0, np.nan], [10.0, 8.0 * factor], [99.0, 6.0 * factor]])
         if seed == 3:
             return Solution(Status.FAILED, history=history)
         return Solution(Status.SOLVED, found.dilated(factor), history=history)

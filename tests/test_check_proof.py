@@ -46,11 +46,7 @@ def test_it_imports_the_standard_library_only():
 
 def test_it_runs_where_nothing_of_ours_can_be_imported():
     with records.file_of(catalogue.load("six-axis")).open() as file:
-        ran = subprocess.run(
-            [sys.executable, "-I", SCRIPT],
-            stdin=file,
-            capture_output=True,
-        )
+        ran = subprocess.run([sys.executable, "-I", SCRIPT], stdin=file, capture_output=True)
     assert ran.returncode == 0
     assert b"no motion is briefer than 1.4834" in ran.stdout
 
@@ -110,15 +106,7 @@ def no_multipliers(said):
     said["proof"]["multipliers"] = []
 
 
-@pytest.mark.parametrize(
-    "tamper",
-    [
-        shorter_way,
-        faster_joints,
-        other_costates,
-        no_multipliers,
-    ],
-)
+@pytest.mark.parametrize("tamper", [shorter_way, faster_joints, other_costates, no_multipliers])
 def test_a_tampered_proof_fails(checked, tamper):
     said = record("six-axis")
     tamper(said)

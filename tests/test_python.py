@@ -43,16 +43,8 @@ def test_the_version_is_that_of_the_distribution() -> None:
 
 
 def test_problems_are_equal_by_their_numbers() -> None:
-    same = Problem(
-        np.array([[0], [1]]),
-        Limits([[-10.0, 10.0]], [1.0]),
-        "another name",
-    )
-    other = Problem(
-        [[0.0], [1.0]],
-        Limits([10.0], [1.0 + 1e-15]),
-        "one",
-    )
+    same = Problem(np.array([[0], [1]]), Limits([[-10.0, 10.0]], [1.0]), "another name")
+    other = Problem([[0.0], [1.0]], Limits([10.0], [1.0 + 1e-15]), "one")
     assert same == PROBLEM
     assert other != PROBLEM
     assert PROBLEM != "one"
@@ -84,14 +76,7 @@ def test_errors_of_write_name_its_arguments(tmp_path: Path) -> None:
 
 def test_reprs_are_one_short_line() -> None:
     answer = trajopt.plan(PROBLEM)
-    judgement = trajopt.judge(
-        PROBLEM,
-        Trajectory(
-            [0, 4],
-            [[[0.25]], [[0.0]]],
-            [0, 4],
-        ),
-    )
+    judgement = trajopt.judge(PROBLEM, Trajectory([0, 4], [[[0.25]], [[0.0]]], [0, 4]))
     said = [repr(PROBLEM), repr(answer), repr(answer.solution), repr(judgement)]
     assert said[0] == "Problem('one', 2 waypoints, 1 joint, limits: velocity, acceleration)"
     assert said[1] == "Trial(exact on one, seed 0, solved, 2 s certified)"
@@ -130,14 +115,7 @@ def test_a_function_that_plans_says_so_too() -> None:
 
 
 def test_plan_chooses_as_the_command_does() -> None:
-    jerk = Problem(
-        [[0.0], [1.0]],
-        Limits(
-            [10.0],
-            [10.0],
-            jerk=[1.0],
-        ),
-    )
+    jerk = Problem([[0.0], [1.0]], Limits([10.0], [10.0], jerk=[1.0]))
     assert trajopt.plan(PROBLEM).planner == "exact"
     answer = trajopt.plan(jerk)
     assert answer.planner == "exact-jerk"

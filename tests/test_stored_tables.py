@@ -136,12 +136,7 @@ def test_the_smoothness_is_what_explain_prints():
 @pytest.mark.parametrize("page", ["README.md", "docs/six-axis.md", "docs/commands.md"])
 def test_what_a_page_prints_of_a_command_is_stored(page):
     blocks = re.split(r"^```(?=\w)", (ROOT / page).read_text(encoding="utf-8"), flags=re.M)
-    rest = "".join(
-        [
-            blocks[0],
-            *(block.split("\n```\n", 1)[1] for block in blocks[1:]),
-        ]
-    )
+    rest = "".join([blocks[0], *(block.split("\n```\n", 1)[1] for block in blocks[1:])])
     for found in PRINTED.finditer(rest):
         assert found["file"], f"nothing is stored of {found[1]}"
         file = (ROOT / page).parent / found["file"]

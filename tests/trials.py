@@ -12,11 +12,7 @@ from trajopt.planners.planner import Planner
 
 PROBLEM = Problem(
     [[0.0, 0.3], [1.0, -0.2], [1.0, -0.2], [0.4, 0.1]],
-    Limits(
-        [1.0, [-2.0, 1.5]],
-        [2.0, [-3.0, 4.0]],
-        position=[[-2.0, 2.5], [-np.inf, np.inf]],
-    ),
+    Limits([1.0, [-2.0, 1.5]], [2.0, [-3.0, 4.0]], position=[[-2.0, 2.5], [-np.inf, np.inf]]),
     "Gelenk-Prüfung ①",
     "made up",
 )
@@ -48,13 +44,7 @@ class Stopping(Planner):
             message=self.note,
             lower_bound=0.25,
             evaluations=7,
-            history=np.array(
-                [
-                    [1.0, np.nan],
-                    [4.0, 1.5 * breaks[-1]],
-                    [7.0, breaks[-1]],
-                ]
-            ),
+            history=np.array([[1.0, np.nan], [4.0, 1.5 * breaks[-1]], [7.0, breaks[-1]]]),
             setup_time=0.0,
             stats={"kind": "quintic", "a/b": 1.5, "list": ["x", "ü"], "times": np.arange(3.0)},
         )

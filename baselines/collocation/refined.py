@@ -173,10 +173,7 @@ class _Level(NamedTuple):
 def _stats(kind: str, levels: list[_Level]) -> dict[str, Any]:
     statuses = [level.status for level in levels]
     durations = [level.duration for level in levels]
-    return {
-        f"{kind}_status": statuses,
-        f"{kind}_duration": np.array(durations),
-    }
+    return {f"{kind}_status": statuses, f"{kind}_duration": np.array(durations)}
 
 
 def _estimate(levels: list[_Level]) -> float:

@@ -182,13 +182,7 @@ class Grid:
         h = np.diff(self.waypoints, axis=0)[:, None]
         start = self.waypoints[:-1, None]
         rest = np.zeros_like(self.waypoints[:1])
-        ends = np.vstack(
-            [
-                rest,
-                velocities,
-                rest,
-            ]
-        )[:, None]
+        ends = np.vstack([rest, velocities, rest])[:, None]
         s = np.arange(self.intervals)[:, None] / self.intervals
 
         # q(s) = q0 + u t s + (3h − 2ut − wt) s² + (ut + wt − 2h) s³, with s = time/t
@@ -224,11 +218,7 @@ class Grid:
         """
         size = self.intervals
         pieces = len(self.stop) * size
-        low, high = np.repeat(
-            self.position[:, None],
-            pieces,
-            axis=1,
-        )
+        low, high = np.repeat(self.position[:, None], pieces, axis=1)
         first = np.zeros(low.shape, dtype=bool)
         second = np.zeros(low.shape, dtype=bool)
         first[::size] = self.resting[:-1]
@@ -238,25 +228,14 @@ class Grid:
         tables = []
         for free in (first, second):
             free[[0, -1]] = True
-            tables += [
-                np.where(
-                    free,
-                    -np.inf,
-                    low,
-                ),
-                np.where(free, np.inf, high),
-            ]
+            tables += [np.where(free, -np.inf, low), np.where(free, np.inf, high)]
         return tables
 
     def slopes(self, nodes: Nodes) -> tuple[Array, Array]:
         """Return the acceleration at the start of every interval, and the jerk in it."""
         slope = np.diff(nodes.v, axis=0) / nodes.lengths
         jerk = np.diff(nodes.a, axis=0) / nodes.lengths
-        acceleration = np.where(
-            self.smooth,
-            nodes.a[:-1],
-            slope,
-        )
+        acceleration = np.where(self.smooth, nodes.a[:-1], slope)
         return acceleration, np.where(self.smooth, jerk, 0.0)
 
     def halved(self, nodes: Nodes) -> Nodes:
@@ -268,11 +247,7 @@ class Grid:
         # Taylor's formula at half the interval
         middle_q = q + half * (v + half * (slope / 2 + half * jerk / 6))
         middle_v = v + half * (slope + half * jerk / 2)
-        middle_a = np.where(
-            self.smooth,
-            slope + half * jerk,
-            0.0,
-        )
+        middle_a = np.where(self.smooth, slope + half * jerk, 0.0)
         return Nodes(
             nodes.times,
             np.repeat(half, 2, axis=0),
@@ -289,22 +264,8 @@ class Grid:
 
         # q + v t + a/2 t² + j/6 t³, back in rad and s
         slope, jerk = self.slopes(nodes)
-        parts = np.stack(
-            [
-                jerk / 6,
-                slope / 2,
-                nodes.v[:-1],
-                nodes.q[:-1],
-            ]
-        )
-        powers = np.array(
-            [
-                3,
-                2,
-                1,
-                0,
-            ]
-        )[:, None, None]
+        parts = np.stack([jerk / 6, slope / 2, nodes.v[:-1], nodes.q[:-1]])
+        powers = np.array([3, 2, 1, 0])[:, None, None]
         parts *= self.scale / self.unit**powers
         parts[3] += self.origin
         joints = [(breaks[:, i], parts[:, :, i]) for i in range(len(self.scale))]
@@ -320,11 +281,7 @@ def _from_zero(lengths: Array) -> Array:
 
 def _interleaved(states: Array, middles: Array) -> Array:
     """Insert the states at the intervals' middles between those at the nodes."""
-    doubled = np.repeat(
-        states,
-        2,
-        axis=0,
-    )[:-1]
+    doubled = np.repeat(states, 2, axis=0)[:-1]
     doubled[1::2] = middles
     return doubled
 
@@ -333,12 +290,7 @@ class Transcription:
     """One NLP for all problems of one size; numbers and bounds are parameters."""
 
     def __init__(
-        self,
-        segments: int,
-        intervals: int,
-        smooth: tuple[bool, ...],
-        boxed: bool,
-        free: bool,
+        self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool, free: bool
     ) -> None:
         ca = backend("casadi")
         joints = len(smooth)
@@ -350,11 +302,7 @@ class Transcription:
         self.intervals = intervals
         self.free = free
         self.shapes = Nodes(
-            times=(segments, 1),
-            lengths=(pieces, joints),
-            q=states,
-            v=states,
-            a=states,
+            times=(segments, 1), lengths=(pieces, joints), q=states, v=states, a=states
         )
 
         x = Nodes(
@@ -364,55 +312,20 @@ class Transcription:
             v=ca.MX.sym("v", *states),
             a=ca.MX.sym("a", *states),
         )
-        equal = ca.vec(
-            ca.repmat(
-                x.times.T / intervals,
-                intervals,
-                1,
-            )
-        )
+        equal = ca.vec(ca.repmat(x.times.T / intervals, intervals, 1))
         limits = {
             "velocity": ca.MX.sym("velocity", 2, joints),
             "acceleration": ca.MX.sym("acceleration", 2, joints),
             "jerk": ca.MX.sym("jerk", 2, joints),
         }
-        positions = [
-            ca.MX.sym(
-                f"position{i}",
-                pieces,
-                joints,
-            )
-            for i in range(4)
-        ]
+        positions = [ca.MX.sym(f"position{i}", pieces, joints) for i in range(4)]
         longest = ca.MX.sym("longest")
         start_lengths = ca.MX.sym("start", pieces, joints)
-        motion = (
-            x
-            if free
-            else x._replace(
-                lengths=ca.repmat(
-                    equal,
-                    1,
-                    joints,
-                )
-            )
-        )
+        motion = x if free else x._replace(lengths=ca.repmat(equal, 1, joints))
         duration = ca.sum1(x.times)
-        constraints: list[Constraints] = [
-            (
-                longest - duration,
-                0.0,
-                np.inf,
-            )
-        ]
+        constraints: list[Constraints] = [(longest - duration, 0.0, np.inf)]
         for joint, is_smooth in enumerate(smooth):
-            constraints += self._joint(
-                motion,
-                joint,
-                limits,
-                is_smooth,
-                positions if boxed else [],
-            )
+            constraints += self._joint(motion, joint, limits, is_smooth, positions if boxed else [])
         options = _OPTIONS
         objective = duration
         if free:
@@ -421,12 +334,7 @@ class Transcription:
             drift = intervals * (x.lengths - start_lengths)
             objective += _DRIFT_WEIGHT * ca.sumsqr(drift) / drift.numel()
 
-        parameters = [
-            *limits.values(),
-            *positions,
-            longest,
-            start_lengths,
-        ]
+        parameters = [*limits.values(), *positions, longest, start_lengths]
         expressions, lows, highs = zip(*constraints, strict=True)
         self.solver = program(
             "collocation",
@@ -438,11 +346,7 @@ class Transcription:
         )
         low = ca.vertcat(*map(ca.vec, lows))
         high = ca.vertcat(*map(ca.vec, highs))
-        self.edges = ca.Function(
-            "edges",
-            parameters,
-            [low, high],
-        )
+        self.edges = ca.Function("edges", parameters, [low, high])
 
     def _varied(self, tables: Nodes) -> list[Any]:
         """Return the tables that are variables of the NLP."""
@@ -455,23 +359,14 @@ class Transcription:
         ca = self.ca
         constraints: list[Constraints] = []
         for joint in range(self.joints):
-            by_segment = ca.reshape(
-                x.lengths[:, joint],
-                self.intervals,
-                -1,
-            )
+            by_segment = ca.reshape(x.lengths[:, joint], self.intervals, -1)
             excess = ca.sum1(by_segment).T - x.times
             zero = ca.DM.zeros(excess.shape)
             constraints.append((excess, zero, zero))
         return constraints
 
     def _joint(
-        self,
-        x: Nodes,
-        joint: int,
-        limits: dict[str, Any],
-        smooth: bool,
-        position_bounds: list[Any],
+        self, x: Nodes, joint: int, limits: dict[str, Any], smooth: bool, position_bounds: list[Any]
     ) -> list[Constraints]:
         """Return one joint's constraints, each with a value per interval."""
         ca = self.ca
@@ -479,14 +374,7 @@ class Transcription:
         zero = ca.DM.zeros(pieces)
         infinite = ca.DM.inf(pieces)
         lengths = x.lengths[:, joint]
-        q, v, a = [
-            table[:, joint]
-            for table in (
-                x.q,
-                x.v,
-                x.a,
-            )
-        ]
+        q, v, a = [table[:, joint] for table in (x.q, x.v, x.a)]
         q0 = q[:-1]
         q1 = q[1:]
         v0 = v[:-1]
@@ -495,26 +383,14 @@ class Transcription:
         a1 = a[1:]
 
         def limit(kind: str, side: int) -> Any:
-            return ca.repmat(
-                limits[kind][side, joint],
-                pieces,
-                1,
-            )
+            return ca.repmat(limits[kind][side, joint], pieces, 1)
 
         # low l ≤ change over the interval ≤ high l
         kind = "jerk" if smooth else "acceleration"
         change = a1 - a0 if smooth else v1 - v0
         constraints: list[Constraints] = [
-            (
-                change - limit(kind, 0) * lengths,
-                zero,
-                infinite,
-            ),
-            (
-                limit(kind, 1) * lengths - change,
-                zero,
-                infinite,
-            ),
+            (change - limit(kind, 0) * lengths, zero, infinite),
+            (limit(kind, 1) * lengths - change, zero, infinite),
         ]
         if smooth:
             # v1 = v0 + l (a0 + a1)/2
@@ -526,11 +402,7 @@ class Transcription:
             constraints += [
                 (missing_v, zero, zero),
                 (missing_q, zero, zero),
-                (
-                    inner_v,
-                    limit("velocity", 0),
-                    limit("velocity", 1),
-                ),
+                (inner_v, limit("velocity", 0), limit("velocity", 1)),
             ]
         else:
             # q1 = q0 + l (v0 + v1)/2
@@ -541,13 +413,7 @@ class Transcription:
         for own, low, high in zip(
             inner_q, position_bounds[::2], position_bounds[1::2], strict=False
         ):
-            constraints.append(
-                (
-                    own,
-                    low[:, joint],
-                    high[:, joint],
-                )
-            )
+            constraints.append((own, low[:, joint], high[:, joint]))
         return constraints
 
     def __call__(self, grid: Grid, start: Nodes) -> Optimum:
@@ -567,11 +433,7 @@ class Transcription:
             bounds=(flat(*self._varied(low)), flat(*self._varied(high))),
             constraint_bounds=self.edges(*parameters),
         )
-        return Optimum(
-            run.status,
-            run.success,
-            self._read(run.x),
-        )
+        return Optimum(run.status, run.success, self._read(run.x))
 
     def _read(self, x: Array) -> Nodes:
         """Return the variables as nodes."""
@@ -579,11 +441,7 @@ class Transcription:
         times = column[:, 0]
         if self.free:
             return Nodes(times, *tables)
-        equal = np.repeat(
-            column / self.intervals,
-            self.intervals,
-            axis=0,
-        )
+        equal = np.repeat(column / self.intervals, self.intervals, axis=0)
         return Nodes(times, np.tile(equal, (1, self.joints)), *tables)
 
     def _bounds(self, grid: Grid) -> tuple[Nodes, Nodes]:
@@ -610,28 +468,14 @@ class Transcription:
             v[:: self.intervals][grid.resting] = 0.0
             a[[0, -1]] = 0.0
             a[:, ~np.array(grid.smooth)] = 0.0
-            bounds.append(
-                Nodes(
-                    times[side],
-                    lengths[side],
-                    q,
-                    v,
-                    a,
-                )
-            )
+            bounds.append(Nodes(times[side], lengths[side], q, v, a))
         low, high = bounds
         return low, high
 
 
 def transcription(grid: Grid, *, free: bool = False) -> Transcription:
     """Return the NLP of a grid, built once for its size; `free`: with free nodes."""
-    return _built(
-        grid.problem.segments,
-        grid.intervals,
-        grid.smooth,
-        grid.boxed,
-        free,
-    )
+    return _built(grid.problem.segments, grid.intervals, grid.smooth, grid.boxed, free)
 
 
 _built = lru_cache(maxsize=32)(Transcription)

@@ -107,12 +107,7 @@ class Passing(Scaled):
         return np.where(within < slowest, lowest, within)
 
 
-def reachable(
-    times: Array,
-    velocities: Array,
-    scaled: Passing,
-    k: float,
-) -> bool:
+def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> bool:
     """Return whether times and waypoint velocities are reachable after a dilation by `k`.
 
     Velocity limits are `k` times as wide, acceleration limits `k²` times. In the briefest segments
@@ -146,10 +141,7 @@ def reachable(
 
 
 def repair(
-    times: Array,
-    velocities: Array,
-    scaled: Passing,
-    largest: float = MAX_DILATION,
+    times: Array, velocities: Array, scaled: Passing, largest: float = MAX_DILATION
 ) -> float:
     """The smallest dilation that makes times and waypoint velocities exactly reachable.
 
@@ -172,11 +164,7 @@ def repair(
     return high
 
 
-def starting_points(
-    scaled: Scaled,
-    count: int,
-    stopping: float = 1.0,
-) -> Iterator[Start]:
+def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterator[Start]:
     """Times and waypoint velocities to start from: stopping first, then random ones.
 
     Args:
@@ -240,19 +228,10 @@ def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[Optimu
 
 
 def _reached(
-    scaled: Passing,
-    times: Array,
-    velocities: Array,
-    status: str,
-    largest_dilation: float,
+    scaled: Passing, times: Array, velocities: Array, status: str, largest_dilation: float
 ) -> Optimum | None:
     """Times and waypoint velocities, dilated until they are exactly reachable."""
     k = repair(times, velocities, scaled, largest_dilation)
     if np.isinf(k):
         return None
-    return Optimum(
-        k * float(times.sum()),
-        k * times,
-        velocities / k,
-        status,
-    )
+    return Optimum(k * float(times.sum()), k * times, velocities / k, status)

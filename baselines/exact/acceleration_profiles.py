@@ -24,13 +24,7 @@ class Extremes(NamedTuple):
     d_lo: Array
 
 
-def extremes(
-    u: Array,
-    w: Array,
-    t: Array,
-    v: Array,
-    a: Array,
-) -> Extremes:
+def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> Extremes:
     """The profiles of most and of least displacement (mathematics, section 3).
 
     Meaningful where `|w − u|` is within the acceleration limits. All arguments broadcast.
@@ -64,12 +58,7 @@ def extremes(
     first = (p_lo - u) ** 2 / (2 * a1)
     last = (p_lo - w) ** 2 / (2 * a2)
     d_lo = p_lo * t + first + last
-    return Extremes(
-        p_up,
-        d_up,
-        p_lo,
-        d_lo,
-    )
+    return Extremes(p_up, d_up, p_lo, d_lo)
 
 
 class Ramps(NamedTuple):
@@ -88,14 +77,7 @@ class Ramps(NamedTuple):
     share: Array
 
 
-def gentlest(
-    u: Array,
-    w: Array,
-    t: Array,
-    h: Array,
-    v: Array,
-    a: Array,
-) -> Ramps:
+def gentlest(u: Array, w: Array, t: Array, h: Array, v: Array, a: Array) -> Ramps:
     """The profile of least acceleration that covers a displacement (mathematics, section 3).
 
     It is extreme under limits of acceleration `s` times as high, `s` as low as can be: two ramps
@@ -112,31 +94,15 @@ def gentlest(
     # seen upwards: mirrored where the motion falls behind constant acceleration
     beyond = h - (u + w) / 2 * t
     is_up = beyond >= 0
-    side = np.where(
-        is_up,
-        1.0,
-        -1.0,
-    )
+    side = np.where(is_up, 1.0, -1.0)
     beyond = side * beyond
     u = side * u
     w = side * w
     h = side * h
     step = w - u
-    top = np.where(
-        is_up,
-        v[1],
-        -v[0],
-    )
-    a1 = np.where(
-        is_up,
-        -a[0],
-        a[1],
-    )
-    a2 = np.where(
-        is_up,
-        a[1],
-        -a[0],
-    )
+    top = np.where(is_up, v[1], -v[0])
+    a1 = np.where(is_up, -a[0], a[1])
+    a2 = np.where(is_up, a[1], -a[0])
 
     # (A2 T s − d)(A1 T s + d) = 2 s (A1 + A2)(h − (u + w) T/2), d = w − u
     sum_a = a1 + a2
@@ -145,11 +111,7 @@ def gentlest(
     linear -= sum_a * beyond
     root = np.sqrt(linear**2 + square * step**2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(
-            linear > 0,
-            step**2 / (linear + root),
-            (root - linear) / square,
-        )
+        share = np.where(linear > 0, step**2 / (linear + root), (root - linear) / square)
         # the peak where both ramps fill the segment
         gained = share * a1 * a2 * t
         peak = (gained + a1 * u + a2 * w) / sum_a
@@ -158,46 +120,19 @@ def gentlest(
         last = (top - w) ** 2 / (2 * a1)
         cruising = (first + last) / (top * t - h)
         cruises = peak > top
-        share = np.where(
-            cruises,
-            cruising,
-            share,
-        )
+        share = np.where(cruises, cruising, share)
         peak = np.minimum(peak, top)
         first = (peak - u) / (share * a2)
         last = (peak - w) / (share * a1)
     # no step and no way to make up for is no ramp
-    first = np.clip(
-        np.nan_to_num(first),
-        0.0,
-        t,
-    )
+    first = np.clip(np.nan_to_num(first), 0.0, t)
     rest = t - first
-    last = np.clip(
-        np.nan_to_num(last),
-        0.0,
-        rest,
-    )
-    last = np.where(
-        cruises,
-        last,
-        rest,
-    )
-    return Ramps(
-        side * peak,
-        first,
-        last,
-        np.nan_to_num(share),
-    )
+    last = np.clip(np.nan_to_num(last), 0.0, rest)
+    last = np.where(cruises, last, rest)
+    return Ramps(side * peak, first, last, np.nan_to_num(share))
 
 
-def straightest(
-    u: Array,
-    w: Array,
-    t: Array,
-    h: Array,
-    a: Array,
-) -> tuple[Array, Array, Array]:
+def straightest(u: Array, w: Array, t: Array, h: Array, a: Array) -> tuple[Array, Array, Array]:
     """The profile of full acceleration to a cruise that covers a displacement, and from it.
 
     No motion between these velocities strays less: it overshoots its start by `u²/(2 A)` and its
@@ -217,75 +152,33 @@ def straightest(
     a1 = -a[0]
     a2 = a[1]
     # from the mean velocity: then the displacement is 0
-    mean = h / np.where(
-        t > 0,
-        t,
-        1.0,
-    )
+    mean = h / np.where(t > 0, t, 1.0)
     u = u - mean
     w = w - mean
     with np.errstate(divide="ignore", invalid="ignore"):
         # a cruise between u and w takes A T − d from p T, and adds d (u + w)/2
         step = np.abs(w - u)
-        limit = np.where(
-            w > u,
-            a2,
-            a1,
-        )
+        limit = np.where(w > u, a2, a1)
         spare = limit * t - step
         between = -step * (u + w) / 2 / spare
-    above = _cruise_above(
-        u,
-        w,
-        t,
-        a1,
-        a2,
-    )
-    below = -_cruise_above(
-        -u,
-        -w,
-        t,
-        a2,
-        a1,
-    )
+    above = _cruise_above(u, w, t, a1, a2)
+    below = -_cruise_above(-u, -w, t, a2, a1)
     highest = np.maximum(u, w)
     lowest = np.minimum(u, w)
-    cruise = np.where(
-        between > highest,
-        above,
-        between,
-    )
-    cruise = np.where(
-        between < lowest,
-        below,
-        cruise,
-    )
+    cruise = np.where(between > highest, above, between)
+    cruise = np.where(between < lowest, below, cruise)
     cruise = np.nan_to_num(cruise)
 
-    limit = np.where(
-        cruise > u,
-        a2,
-        a1,
-    )
+    limit = np.where(cruise > u, a2, a1)
     first = np.abs(cruise - u) / limit
-    limit = np.where(
-        w > cruise,
-        a2,
-        a1,
-    )
+    limit = np.where(w > cruise, a2, a1)
     last = np.abs(w - cruise) / limit
     first = np.minimum(first, t)
     rest = t - first
     return mean + cruise, first, np.minimum(last, rest)
 
 
-def _cruise_above(
-    u: Array,
-    w: Array,
-    t: Array,
-    a1: Array,
-    a2: Array,
-) -> Array:
+def _cruise_above(u: Array, w: Array, t: Array, a1: Array, a2: Array) -> Array:
     """The cruise that makes up for ramps from `u` up to it, and down to `w`, over no displacement.
 
     `p T = (p − u)²/(2 A2) + (p − w)²/(2 A1)`, the smaller root.

@@ -164,12 +164,7 @@ class Cells:
         ends, peaks = inner
         lowest_ends, _ = self.lowest
         highest_ends, _ = self.highest
-        np.clip(
-            excess / t,
-            lowest_ends,
-            highest_ends,
-            out=ends,
-        )
+        np.clip(excess / t, lowest_ends, highest_ends, out=ends)
         # the peak that fills the time: (A1 A2 T + A1 u + A2 w) / (A1 + A2)
         x = both_sides(ends)
         other_a = self.a[::-1]
@@ -298,11 +293,7 @@ class Rows:
         room, reach = numbers
         by_p = self.room_p * room
         by_p += self.reach_p * reach
-        return Gradients(
-            self.room_s * room,
-            self.reach_x * reach,
-            by_p,
-        )
+        return Gradients(self.room_s * room, self.reach_x * reach, by_p)
 
     def change(self, step: Point, x: Array) -> Array:
         """By how much a step changes every row; `x` are its ends, of both sides."""

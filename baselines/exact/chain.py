@@ -97,26 +97,13 @@ def _layout(segments: int, joints: int, orders: int) -> _Layout:
     time = np.arange(segments)[:, None, None] * width
     time = np.broadcast_to(time, (segments, joints, 1))
     after = time + 1 + np.arange(orders * joints).reshape(joints, orders)
-    unknowns = np.concatenate(
-        [time, time - width, time + width, after - width, after],
-        axis=-1,
-    )
-    unknowns = np.where(
-        (unknowns >= 0) & (unknowns < size),
-        unknowns,
-        size,
-    )
+    unknowns = np.concatenate([time, time - width, time + width, after - width, after], axis=-1)
+    unknowns = np.where((unknowns >= 0) & (unknowns < size), unknowns, size)
     row = unknowns[..., :, None]
     column = unknowns[..., None, :]
     is_lower = (row >= column) & (row < size)
     places = column * 2 * width + row
-    return _Layout(
-        width,
-        size,
-        unknowns,
-        np.flatnonzero(is_lower),
-        places[is_lower],
-    )
+    return _Layout(width, size, unknowns, np.flatnonzero(is_lower), places[is_lower])
 
 
 class Chain:
@@ -136,11 +123,7 @@ class Chain:
         self.links = links
         self.matrix = matrix
         self.orders = orders
-        self.layout = _layout(
-            segments,
-            joints,
-            orders,
-        )
+        self.layout = _layout(segments, joints, orders)
         owned = owners(times)
         self.owned = owned
 
@@ -156,28 +139,12 @@ class Chain:
         for end in (0, 1):
             v = 1 + orders * end
             own = owned[end]
-            to_unknowns[..., v, 0] = np.where(
-                own,
-                0.0,
-                slope[end],
-            )
+            to_unknowns[..., v, 0] = np.where(own, 0.0, slope[end])
             beside = ratio[end] * beside_it(slope)[end]
-            to_unknowns[..., v, 1 + end] = np.where(
-                own,
-                0.0,
-                -beside,
-            )
-            to_unknowns[..., v, v + 2] = np.where(
-                own,
-                1.0,
-                ratio[end],
-            )
+            to_unknowns[..., v, 1 + end] = np.where(own, 0.0, -beside)
+            to_unknowns[..., v, v + 2] = np.where(own, 1.0, ratio[end])
             missed = missing[end] - ratio[end] * beside_it(missing)[end]
-            constant[..., v] = np.where(
-                own,
-                0.0,
-                missed,
-            )
+            constant[..., v] = np.where(own, 0.0, missed)
             for order in range(1, orders):
                 to_unknowns[..., v + order, v + order + 2] = 1.0
         self.to_unknowns = to_unknowns
@@ -191,9 +158,7 @@ class Chain:
         layout = self.layout
         by_unknown = np.matmul(by_cell[..., None, :], self.to_unknowns)
         summed = _summed(
-            by_unknown.reshape(len(by_cell), -1),
-            layout.unknowns.ravel(),
-            layout.size + 1,
+            by_unknown.reshape(len(by_cell), -1), layout.unknowns.ravel(), layout.size + 1
         )
         gradient = summed[:, :-1]
         gradient[:, :: layout.width] -= self.times
@@ -227,11 +192,7 @@ class Chain:
             layout.places,
             layout.size * layout.height,
         )
-        bands = bands.reshape(
-            starts,
-            layout.size,
-            layout.height,
-        )
+        bands = bands.reshape(starts, layout.size, layout.height)
         bands[:, :: layout.width, 0] += self.times
         return bands
 
@@ -243,26 +204,14 @@ class Chain:
         starts, size = gradient.shape
         unknowns = np.zeros((starts, size + 1))
         for start, factor in enumerate(self._factors):
-            solution, _ = scipy.linalg.lapack.dpbtrs(
-                factor,
-                gradient[start],
-                lower=1,
-            )
+            solution, _ = scipy.linalg.lapack.dpbtrs(factor, gradient[start], lower=1)
             unknowns[start, :-1] = solution
         own = unknowns[:, self.layout.unknowns]
         cells = np.matmul(self.to_unknowns, own[..., None])[..., 0] + self.constant
         log = unknowns[:, : -1 : self.layout.width]
         velocities = self._velocities(log, cells)
-        velocity = np.where(
-            self.owned[1, :, :-1],
-            velocities[1, :, :-1],
-            velocities[0, :, 1:],
-        )
-        return Solved(
-            log,
-            cells,
-            velocity,
-        )
+        velocity = np.where(self.owned[1, :, :-1], velocities[1, :, :-1], velocities[0, :, 1:])
+        return Solved(log, cells, velocity)
 
     def _velocities(self, log: Array, cells: Array) -> Array:
         """Change of the waypoints' velocities as each end of a cell has it."""
@@ -314,9 +263,5 @@ def _summed(values: Array, places: Indices, size: int) -> Array:
     """Sums of the values that share a place, of every start, `(starts, size)`."""
     starts = len(values)
     first = size * np.arange(starts)[:, None]
-    sums = np.bincount(
-        (first + places).ravel(),
-        values.ravel(),
-        minlength=starts * size,
-    )
+    sums = np.bincount((first + places).ravel(), values.ravel(), minlength=starts * size)
     return np.asarray(sums.reshape(starts, size), dtype=float)

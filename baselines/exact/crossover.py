@@ -52,8 +52,7 @@ OptimumT = TypeVar("OptimumT")
 
 
 def minimised(
-    rows: Rows,
-    reached: Callable[[Any, int, float], OptimumT | None],
+    rows: Rows, reached: Callable[[Any, int, float], OptimumT | None]
 ) -> list[OptimumT | None]:
     """The local optimum near each start; None where the method does not converge.
 
@@ -72,11 +71,7 @@ def minimised(
             iterate = interior_point.descended(iterate, arrived)
             crossed, ended = _crossed(iterate)
             for i in np.flatnonzero(ended).tolist():
-                optimum = reached(
-                    crossed,
-                    i,
-                    ROUNDING_DILATION,
-                )
+                optimum = reached(crossed, i, ROUNDING_DILATION)
                 optima[running[i]] = optimum
                 ended[i] = optimum is not None
             if ended.all():
@@ -84,11 +79,7 @@ def minimised(
             running = running[~ended]
             iterate = iterate.of(~ended)
         for i in np.flatnonzero(interior_point.converged(iterate)).tolist():
-            optima[running[i]] = reached(
-                iterate.state.rows,
-                i,
-                MAX_DILATION,
-            )
+            optima[running[i]] = reached(iterate.state.rows, i, MAX_DILATION)
     return optima
 
 
@@ -98,45 +89,22 @@ def _crossed(iterate: Iterate) -> tuple[Rows, Bools]:
     active = state.multipliers > MIN_KEPT_MULTIPLIER * iterate.before.multipliers
     # a row that is left out counts as inactive
     inactive = state.slacks > MIN_KEPT_MULTIPLIER * iterate.before.slacks
-    slacks = np.maximum(
-        np.where(
-            inactive,
-            state.slacks,
-            1.0,
-        ),
-        MIN_SLACK,
-    )
+    slacks = np.maximum(np.where(inactive, state.slacks, 1.0), MIN_SLACK)
     free = FREE_WEIGHT / slacks**2
-    weights = np.where(
-        active,
-        STIFFNESS * state.weights,
-        free,
-    )
-    multipliers = np.where(
-        active,
-        state.multipliers,
-        FREE_MULTIPLIER,
-    )
+    weights = np.where(active, STIFFNESS * state.weights, free)
+    multipliers = np.where(active, state.multipliers, FREE_MULTIPLIER)
     rows = state.rows
     whole = np.ones(len(rows.times))
     for _ in range(MAX_STEPS):
         linear = rows.linear(multipliers, weights)
-        miss = np.where(
-            active,
-            rows.values,
-            0.0,
-        )
+        miss = np.where(active, rows.values, 0.0)
         missed = np.abs(miss).max(axis=ROW_AXES)
         met = np.maximum(missed, rows.apart) <= MISS_TOL
         slope_tol = SLOPE_RTOL * rows.times.sum(axis=1)
         arrived = met & (linear.slope(multipliers) <= slope_tol)
         step, change = linear.step(multipliers - weights * miss)
         # an equation's multiplier makes up for what the step leaves of its miss
-        multipliers = multipliers - np.where(
-            active,
-            weights * (miss + change),
-            0.0,
-        )
+        multipliers = multipliers - np.where(active, weights * (miss + change), 0.0)
         positive = (multipliers >= 0).all(axis=ROW_AXES)
         rows = rows.after(step, whole)
         # after one step more: what the objective hardly feels was known to a tolerance's root
@@ -144,14 +112,6 @@ def _crossed(iterate: Iterate) -> tuple[Rows, Bools]:
             break
         # a row whose multiplier is negative is no equation
         active &= multipliers >= 0
-        multipliers = np.where(
-            active,
-            multipliers,
-            FREE_MULTIPLIER,
-        )
-        weights = np.where(
-            active,
-            weights,
-            free,
-        )
+        multipliers = np.where(active, multipliers, FREE_MULTIPLIER)
+        weights = np.where(active, weights, free)
     return rows, np.asarray(arrived & positive)

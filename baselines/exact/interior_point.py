@@ -119,10 +119,7 @@ class Rows(Protocol):
         """The rows of some of the starts."""
 
 
-@dataclass(
-    frozen=True,
-    eq=False,
-)
+@dataclass(frozen=True, eq=False)
 class State:
     """Rows with a slack and a multiplier each, in tables of their shape."""
 
@@ -153,10 +150,7 @@ class State:
     @cached_property
     def linear(self) -> Linear:
         """The model of a Newton step from here."""
-        return self.rows.linear(
-            self.multipliers,
-            self.weights,
-        )
+        return self.rows.linear(self.multipliers, self.weights)
 
     @cached_property
     def slope(self) -> Array:
@@ -165,11 +159,7 @@ class State:
 
     def of(self, some: Bools) -> State:
         """The state of some of the starts."""
-        return State(
-            self.rows.of(some),
-            self.slacks[:, :, some],
-            self.multipliers[:, :, some],
-        )
+        return State(self.rows.of(some), self.slacks[:, :, some], self.multipliers[:, :, some])
 
 
 class Iterate(NamedTuple):
@@ -211,30 +201,11 @@ Arrived = Callable[[Iterate], Bools]
 
 def begun(rows: Rows) -> Iterate:
     """No step yet."""
-    slacks = np.maximum(
-        rows.values,
-        rows.start_slack,
-    )
-    state = State(
-        rows,
-        slacks,
-        rows.start_barrier[:, None, None] / slacks,
-    )
-    length = np.full(
-        len(rows.times),
-        START_LENGTH,
-    )
-    gain = np.full(
-        len(rows.times),
-        np.inf,
-    )
-    return Iterate(
-        state,
-        state,
-        length,
-        gain,
-        steps=0,
-    )
+    slacks = np.maximum(rows.values, rows.start_slack)
+    state = State(rows, slacks, rows.start_barrier[:, None, None] / slacks)
+    length = np.full(len(rows.times), START_LENGTH)
+    gain = np.full(len(rows.times), np.inf)
+    return Iterate(state, state, length, gain, steps=0)
 
 
 def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
@@ -254,10 +225,7 @@ def near(iterate: Iterate, gap_rtol: float) -> Bools:
 
 def converged(iterate: Iterate, times: float = 1.0) -> Bools:
     """Which points are local optima to so many times the tolerances, `(starts,)`."""
-    closed = near(
-        iterate,
-        times * GAP_RTOL,
-    )
+    closed = near(iterate, times * GAP_RTOL)
     if not closed.any():
         return closed
     state = iterate.state
@@ -271,33 +239,17 @@ def _stepped(iterate: Iterate) -> Iterate:
     state = iterate.state
     slacks = state.slacks
     multipliers = state.multipliers
-    waits = state.slope > np.maximum(
-        WAIT_PER_GAP * state.gap,
-        WAIT_RTOL * state.duration,
-    )
-    left = np.where(
-        waits,
-        1.0,
-        np.maximum(
-            1 - iterate.length,
-            MIN_LEFT,
-        ),
-    )
+    waits = state.slope > np.maximum(WAIT_PER_GAP * state.gap, WAIT_RTOL * state.duration)
+    left = np.where(waits, 1.0, np.maximum(1 - iterate.length, MIN_LEFT))
     left = np.where(iterate.length < STUCK, RAISED, left)
-    gap = np.maximum(
-        left**FALL_POWER * state.gap,
-        state.rows.min_gap_rtol * state.duration,
-    )
+    gap = np.maximum(left**FALL_POWER * state.gap, state.rows.min_gap_rtol * state.duration)
     barrier = (gap / slacks[:, :, 0].size)[:, None, None]
 
     aim = barrier / slacks
     rows, direction = _followed(iterate, aim)
     forwards = direction.forwards
     multiplier_step = aim - multipliers - state.weights * direction.slacks
-    upwards = _longest(
-        multipliers,
-        multiplier_step,
-    )
+    upwards = _longest(multipliers, multiplier_step)
     slacks = np.where(
         rows.values >= MIN_KEPT_SLACK * slacks,
         rows.values,
@@ -310,16 +262,9 @@ def _stepped(iterate: Iterate) -> Iterate:
         aim * MULTIPLIER_SPREAD,
     )
     return Iterate(
-        State(
-            rows,
-            slacks,
-            multipliers,
-        ),
+        State(rows, slacks, multipliers),
         state,
-        length=np.minimum(
-            forwards,
-            upwards,
-        ),
+        length=np.minimum(forwards, upwards),
         gain=np.abs((state.rows.times * direction.step.log).sum(axis=1)),
         steps=iterate.steps + 1,
     )
@@ -348,18 +293,9 @@ def _direction(state: State, aim: Array, miss: Array) -> _Direction:
     farthest = np.abs(step.log).max(axis=1)
     allowed = state.rows.max_log_step
     forwards = np.minimum(
-        allowed / np.maximum(farthest, allowed),
-        _longest(
-            state.slacks,
-            slack_step,
-        ),
+        allowed / np.maximum(farthest, allowed), _longest(state.slacks, slack_step)
     )
-    return _Direction(
-        step,
-        change,
-        slack_step,
-        forwards,
-    )
+    return _Direction(step, change, slack_step, forwards)
 
 
 def _followed(iterate: Iterate, aim: Array) -> tuple[Rows, _Direction]:
@@ -424,33 +360,16 @@ def _shortened(iterate: Iterate, direction: _Direction) -> tuple[Rows, _Directio
     rows = iterate.state.rows
     length = direction.forwards
     for _ in range(MAX_SHORTENED):
-        after = rows.after(
-            direction.step,
-            length,
-        )
+        after = rows.after(direction.step, length)
         follows = after.follows(rows) | iterate.lost
         if follows.all():
             return after, direction._replace(forwards=length)
-        length = np.where(
-            follows,
-            length,
-            SHORTER * length,
-        )
-    length = np.where(
-        follows,
-        length,
-        0.0,
-    )
-    return rows.after(
-        direction.step,
-        length,
-    ), direction._replace(forwards=length)
+        length = np.where(follows, length, SHORTER * length)
+    length = np.where(follows, length, 0.0)
+    return rows.after(direction.step, length), direction._replace(forwards=length)
 
 
 def _longest(values: Array, step: Array) -> Array:
     """Return the longest step, at most 1, that keeps every value positive, `(starts,)`."""
     fastest = -(step / values).min(axis=ROW_AXES)
-    return TO_BOUNDARY / np.maximum(
-        fastest,
-        TO_BOUNDARY,
-    )
+    return TO_BOUNDARY / np.maximum(fastest, TO_BOUNDARY)

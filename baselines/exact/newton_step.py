@@ -25,12 +25,7 @@ class Linear:
         weights: `z / s` of each row, multiplier over slack.
     """
 
-    def __init__(
-        self,
-        rows: Rows,
-        multipliers: Array,
-        weights: Array,
-    ) -> None:
+    def __init__(self, rows: Rows, multipliers: Array, weights: Array) -> None:
         cells = rows.cells
         y_room, y_reach = multipliers
         w_room, w_reach = weights
@@ -82,11 +77,7 @@ class Linear:
         self.peak_x = peak_x
         self.peak_s = peak_s
         self.links = links
-        self.chain = Chain(
-            rows.times,
-            links,
-            matrix,
-        )
+        self.chain = Chain(rows.times, links, matrix)
 
     def slope(self, multipliers: Array) -> Array:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
@@ -107,11 +98,7 @@ class Linear:
         x = both_sides(ends)
         s = solved.log[..., None]
         peaks = by_p / self.pp - self.peak_s * s - (self.peak_x * x).sum(axis=0)
-        step = Point(
-            solved.log,
-            solved.velocity,
-            np.array([ends, peaks]),
-        )
+        step = Point(solved.log, solved.velocity, np.array([ends, peaks]))
         return step, self.rows.change(step, x)
 
     def bending(self, step: Point) -> None:

@@ -63,16 +63,9 @@ class SeveralStarts(Planner):
 
     def __post_init__(self) -> None:
         for name in ("starts", "agreeing"):
-            value = getattr(
-                self,
-                name,
-            )
+            value = getattr(self, name)
             if value < 1:
-                raise InvalidInput(
-                    name,
-                    "at least 1",
-                    value=value,
-                )
+                raise InvalidInput(name, "at least 1", value=value)
 
     def relation(self, problem: Problem) -> Relation:
         """With limits that are ignored it solves a relaxation."""
@@ -105,40 +98,19 @@ class SeveralStarts(Planner):
             solve: leads from starts to an optimum each.
             starts: where to start from, in order.
         """
-        local = optima_together(
-            solve,
-            starts,
-            self.starts,
-            self.agreeing,
-        )
+        local = optima_together(solve, starts, self.starts, self.agreeing)
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
         best = min(local, key=attrgetter("duration"))
         if not np.isfinite(best.duration):
             message = no_start_succeeded(statuses)
-            return Solution(
-                Status.FAILED,
-                message=message,
-                stats=stats,
-            )
-        answer = scaled.trajectory(
-            best.times,
-            best.states,
-        )
+            return Solution(Status.FAILED, message=message, stats=stats)
+        answer = scaled.trajectory(best.times, best.states)
         ignored = self.ignored(scaled.problem)
         if not ignored:
-            return Solution(
-                Status.SOLVED,
-                answer,
-                stats=stats,
-            )
+            return Solution(Status.SOLVED, answer, stats=stats)
         kinds = " and ".join(ignored)
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
         message = f"{kinds} limits are ignored: {best_known}"
-        return Solution(
-            Status.RELAXED,
-            answer,
-            message,
-            stats=stats,
-        )
+        return Solution(Status.RELAXED, answer, message, stats=stats)

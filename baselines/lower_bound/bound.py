@@ -65,11 +65,7 @@ class Bound:
 
 
 def certify(
-    problem: Problem,
-    family: Family = "free",
-    *,
-    within: float = 1e-4,
-    time_limit: float = 60.0,
+    problem: Problem, family: Family = "free", *, within: float = 1e-4, time_limit: float = 60.0
 ) -> Bound:
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
@@ -114,13 +110,7 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
     if best is not None:
         known = best.duration
         motion = best.trajectory
-    outcome = prove(
-        problem,
-        known / (1 + within),
-        within,
-        deadline,
-        motion,
-    )
+    outcome = prove(problem, known / (1 + within), within, deadline, motion)
     late = time.perf_counter() > deadline
     word = "time limit" if late else "stopped: no progress"
     return _bound(outcome.lower_bound, best, within, word, outcome.proof)

@@ -98,11 +98,7 @@ class Outcome(NamedTuple):
 
 
 def prove(
-    problem: Problem,
-    target: float,
-    gap: float,
-    deadline: float,
-    motion: Trajectory | None = None,
+    problem: Problem, target: float, gap: float, deadline: float, motion: Trajectory | None = None
 ) -> Outcome:
     """Prove that no motion is shorter than the target, or as much of it as there is time for.
 
@@ -136,24 +132,13 @@ def prove(
         return prove(problem, target, gap, deadline)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
-    return Outcome(
-        lower_bound,
-        proof,
-        search.splits,
-        search.pool.programs,
-    )
+    return Outcome(lower_bound, proof, search.splits, search.pool.programs)
 
 
 class _Search:
     """The linear program with all rows found so far, and the tree."""
 
-    def __init__(
-        self,
-        relaxation: Relaxation,
-        target: float,
-        gap: float,
-        deadline: float,
-    ) -> None:
+    def __init__(self, relaxation: Relaxation, target: float, gap: float, deadline: float) -> None:
         self.relaxation = relaxation
         self.deadline = deadline
         self.target = target / relaxation.time_unit
@@ -192,13 +177,7 @@ class _Search:
         order = itertools.count()
         self._narrow_by_cutoff(root)
         self._treat(root, _MAX_ROOT_ROUNDS, _MAX_ROOT_SWEEPS)
-        pending = [
-            (
-                root.bound,
-                next(order),
-                root,
-            )
-        ]
+        pending = [(root.bound, next(order), root)]
         best = root.bound
         idle_splits = 0
         while not self.late and idle_splits < _MAX_IDLE_SPLITS:
@@ -212,23 +191,11 @@ class _Search:
             self._split(node)
             for child in node.children:
                 self._treat(child, _MAX_NODE_ROUNDS, _MAX_NODE_SWEEPS)
-                heapq.heappush(
-                    pending,
-                    (
-                        child.bound,
-                        next(order),
-                        child,
-                    ),
-                )
+                heapq.heappush(pending, (child.bound, next(order), child))
 
     # --- a node ---
 
-    def _treat(
-        self,
-        node: _Node,
-        rounds: int,
-        sweeps: int,
-    ) -> None:
+    def _treat(self, node: _Node, rounds: int, sweeps: int) -> None:
         """Bound the time in a box, and narrow the box while that pays."""
         self._bound_total(node, rounds)
         for sweep in range(sweeps):
@@ -276,13 +243,7 @@ class _Search:
             multipliers = self._scaled_ray(multipliers)
         proved = self.pool.proved(self.total, multipliers)
         if node.leaf is None or proved.bound > node.bound:
-            node.leaf = _Step(
-                dual_check.LEAF,
-                0,
-                0.0,
-                proved.rows,
-                proved.multipliers,
-            )
+            node.leaf = _Step(dual_check.LEAF, 0, 0.0, proved.rows, proved.multipliers)
             node.bound = max(node.bound, proved.bound)
 
     def _scaled_ray(self, ray: Array) -> Array:
@@ -324,26 +285,14 @@ class _Search:
                 if dual_check.is_empty(node.box) or node.bound >= self.target:
                     return
 
-    def _tighten(
-        self,
-        node: _Node,
-        kind: int,
-        column: int,
-    ) -> None:
+    def _tighten(self, node: _Node, kind: int, column: int) -> None:
         """Move one side of the box as far as the rows prove, adding rows while that helps."""
         width = node.box.high[column] - node.box.low[column]
         if width <= 0:
             return
         objective = self._side_objective(kind, column)
         rounds = _MAX_VARIABLE_ROUNDS if column < self.relaxation.segments else 1
-        least = (
-            _side(
-                node.box,
-                kind,
-                column,
-            )
-            + _MIN_MOVE * width
-        )
+        least = _side(node.box, kind, column) + _MIN_MOVE * width
         answer = self.pool.minimised(objective)
         for _ in range(rounds - 1):
             at_side = answer.value <= least
@@ -355,46 +304,18 @@ class _Search:
             return
         self._move(node, kind, column, answer.multipliers)
 
-    def _move(
-        self,
-        node: _Node,
-        kind: int,
-        column: int,
-        multipliers: Array,
-    ) -> None:
+    def _move(self, node: _Node, kind: int, column: int, multipliers: Array) -> None:
         """Move one side of the box as far as multipliers prove, if it moves far enough."""
         width = node.box.high[column] - node.box.low[column]
         proved = self.pool.proved(self._side_objective(kind, column), multipliers)
         # rounding must not grow from step to step
         bound = proved.bound - _MOVE_MARGIN * width
-        if (
-            bound
-            <= _side(
-                node.box,
-                kind,
-                column,
-            )
-            + _MIN_MOVE * width
-        ):
+        if bound <= _side(node.box, kind, column) + _MIN_MOVE * width:
             return
         raises = kind == dual_check.RAISE
         value = bound if raises else -bound
-        node.steps.append(
-            _Step(
-                kind,
-                column,
-                value,
-                proved.rows,
-                proved.multipliers,
-            )
-        )
-        node.box = dual_check.moved(
-            self.relaxation,
-            node.box,
-            column,
-            raises,
-            bound,
-        )
+        node.steps.append(_Step(kind, column, value, proved.rows, proved.multipliers))
+        node.box = dual_check.moved(self.relaxation, node.box, column, raises, bound)
         if dual_check.is_empty(node.box):
             node.bound = np.inf
             node.leaf = _Step(dual_check.LEAF, 0, 0.0, *_NO_ROWS)
@@ -416,27 +337,9 @@ class _Search:
         margin = _SPLIT_MARGIN * widths[column]
         low = node.box.low[column] + margin
         high = node.box.high[column] - margin
-        value = float(
-            np.clip(
-                place[column],
-                low,
-                high,
-            )
-        )
-        boxes = dual_check.branched(
-            self.relaxation,
-            node.box,
-            column,
-            value,
-        )
-        node.children = tuple(
-            _Node(
-                box,
-                node.bound,
-                leaf=node.leaf,
-            )
-            for box in boxes
-        )
+        value = float(np.clip(place[column], low, high))
+        boxes = dual_check.branched(self.relaxation, node.box, column, value)
+        node.children = tuple(_Node(box, node.bound, leaf=node.leaf) for box in boxes)
         node.steps.append(_Step(dual_check.BRANCH, column, value, *_NO_ROWS))
         self.splits += 1
 
@@ -452,18 +355,10 @@ class _Search:
         tangents = [Tangent(segment, float(times[segment])) for segment in below.tolist()]
         self.pool.add_violated(tangents, x)
         if relaxation.jerky.any():
-            squares = jerk_rows.square_tangents(
-                relaxation,
-                x,
-                self.pool.box,
-            )
+            squares = jerk_rows.square_tangents(relaxation, x, self.pool.box)
             self.pool.add_violated(squares, x)
             self.pool.add_violated(jerk_rows.violated_ramps(relaxation, x), x)
-        cuts = extremal.violated(
-            relaxation,
-            x,
-            violation / 2,
-        )
+        cuts = extremal.violated(relaxation, x, violation / 2)
         done = {(cut.segment, cut.joint) for cut in cuts}
         for place, separation in self.separations.items():
             if self.late:
@@ -484,13 +379,7 @@ class _Search:
         exact[relaxation.before] = x[relaxation.acceleration] * times[:-1, None]
         exact[relaxation.after] = x[relaxation.acceleration] * times[1:, None]
         self.pool.add([Tangent(segment, at) for segment, at in enumerate(times.tolist())])
-        self.pool.add(
-            extremal.violated(
-                relaxation,
-                exact,
-                -_ACTIVE_TOLERANCE,
-            )
-        )
+        self.pool.add(extremal.violated(relaxation, exact, -_ACTIVE_TOLERANCE))
 
     # --- the proof ---
 
@@ -500,15 +389,7 @@ class _Search:
         used = np.unique(np.concatenate([step.rows for step in steps]))
         tables, new_numbers = self.pool.tables(used)
         tables["cells"] = _moderate(tables["cells"])
-        heads = [
-            (
-                step.kind,
-                step.variable,
-                step.value,
-                len(step.rows),
-            )
-            for step in steps
-        ]
+        heads = [(step.kind, step.variable, step.value, len(step.rows)) for step in steps]
         numbers = [new_numbers[step.rows] for step in steps]
         values = [step.multipliers for step in steps]
         relaxation = self.relaxation
@@ -534,11 +415,7 @@ def _walk(node: _Node) -> Iterator[_Step]:
 
 def _moderate(table: Array) -> Array:
     """Set numbers to 0 that are too small for a proof: any numbers prove some bound."""
-    return np.where(
-        np.abs(table) < dual_check.SMALLEST,
-        0.0,
-        table,
-    )
+    return np.where(np.abs(table) < dual_check.SMALLEST, 0.0, table)
 
 
 def _side(box: Box, kind: int, column: int) -> float:

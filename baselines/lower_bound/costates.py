@@ -55,11 +55,7 @@ class Costates(NamedTuple):
 
 def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple[Array, float]:
     """Return the inequality of one segment and joint's costates, as `rows` does."""
-    one = Costates(
-        segments=np.array([segment]),
-        joints=np.array([joint]),
-        cells=cells[None],
-    )
+    one = Costates(segments=np.array([segment]), joints=np.array([joint]), cells=cells[None])
     coefficients, bounds = rows(relaxation, one)
     return coefficients[0], float(bounds[0])
 
@@ -203,12 +199,7 @@ def area(quadratic: Quadratic, s: Array) -> Array:
     return s * mean
 
 
-def integral(
-    quadratic: Quadratic,
-    widths: Array,
-    down: float | Array,
-    up: float | Array,
-) -> Array:
+def integral(quadratic: Quadratic, widths: Array, down: float | Array, up: float | Array) -> Array:
     """Return an upper bound of `∫ (up f⁺ + down f⁻)` over each width, tight but for rounding.
 
     Between the computed roots `f` has one sign, but for the roots' rounding. Its largest value of

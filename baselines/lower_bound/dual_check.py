@@ -224,9 +224,7 @@ def _check_place(at: float) -> None:
 
 def _ramp(relaxation: Relaxation, segment: float, joint: float, side: float) -> Ramp:
     ramp = Ramp(
-        _index(segment, relaxation.segments),
-        _index(joint, relaxation.joints),
-        _index(side, 2),
+        _index(segment, relaxation.segments), _index(joint, relaxation.joints), _index(side, 2)
     )
     if not np.isfinite(relaxation.j[ramp.side, ramp.joint]):
         raise InvalidInput("proof ramps", "joints with a jerk limit on that side", value=joint)
@@ -341,12 +339,7 @@ def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
     return lowest
 
 
-def branched(
-    relaxation: Relaxation,
-    box: Box,
-    column: int,
-    value: float,
-) -> tuple[Box, Box]:
+def branched(relaxation: Relaxation, box: Box, column: int, value: float) -> tuple[Box, Box]:
     """Return both parts of a box, split at a value of one variable."""
     high = box.high.copy()
     high[column] = min(high[column], value)
@@ -357,13 +350,7 @@ def branched(
     return lower, upper
 
 
-def moved(
-    relaxation: Relaxation,
-    box: Box,
-    column: int,
-    raises: bool,
-    bound: float,
-) -> Box:
+def moved(relaxation: Relaxation, box: Box, column: int, raises: bool, bound: float) -> Box:
     """Return the box with one side moved as far as a bound on `x` (or on `−x`) proves."""
     low = box.low.copy()
     high = box.high.copy()
@@ -385,11 +372,7 @@ def _completed(relaxation: Relaxation, box: Box) -> Box:
 
 
 def _step_bound(
-    relaxation: Relaxation,
-    rows: _ProofRows,
-    box: Box,
-    objective: Array,
-    multipliers: Array,
+    relaxation: Relaxation, rows: _ProofRows, box: Box, objective: Array, multipliers: Array
 ) -> float:
     """Return the bound that a step's multipliers prove; infinity on an empty box."""
     if is_empty(box):

@@ -66,19 +66,13 @@ class Point(NamedTuple):
         free_down = np.isinf(self.j_down)
         none = np.where(free_up & free_down, _WIDE_JERK, _WIDE_JERK_ONE_SIDE)
         return self._replace(
-            j_up=np.where(free_up, none, self.j_up),
-            j_down=np.where(free_down, none, self.j_down),
+            j_up=np.where(free_up, none, self.j_up), j_down=np.where(free_down, none, self.j_down)
         )
 
     def reversed(self) -> Point:
         """Reverse time: accelerations change their sign, and jerks do not."""
         return self._replace(
-            v0=self.v1,
-            v1=self.v0,
-            a0=-self.a1,
-            a1=-self.a0,
-            a_up=self.a_down,
-            a_down=self.a_up,
+            v0=self.v1, v1=self.v0, a0=-self.a1, a1=-self.a0, a_up=self.a_down, a_down=self.a_up
         )
 
 
@@ -282,25 +276,12 @@ def _displacement(point: Point) -> Array:
 
 def _turning(start: Array, m: Array, p0: Array | float = 0.0) -> Array:
     """`q = m − τ` and `p' = −q`, while jerk is at a limit."""
-    return _cell(
-        start,
-        p0=p0,
-        p1=start - m,
-        p2=0.5,
-        q0=m - start,
-        q1=-1.0,
-        slope=1.0,
-    )
+    return _cell(start, p0=p0, p1=start - m, p2=0.5, q0=m - start, q1=-1.0, slope=1.0)
 
 
 def _held(start: Array, m: Array) -> Array:
     """`q = m − τ` and `p = 0`, while acceleration is at a limit."""
-    return _cell(
-        start,
-        q0=m - start,
-        q1=-1.0,
-        slope=1.0,
-    )
+    return _cell(start, q0=m - start, q1=-1.0, slope=1.0)
 
 
 def _instants(point: Point) -> Instants:
@@ -421,12 +402,7 @@ def _end_velocity(point: Point) -> Array:
     hold = np.where(is_held, 1 - fall, meets)
     hold = np.clip(hold, jerk, 1.0)
     phases = [
-        _cell(
-            np.zeros_like(jerk),
-            p0=jerk,
-            p1=-1.0,
-            q0=1.0,
-        ),
+        _cell(np.zeros_like(jerk), p0=jerk, p1=-1.0, q0=1.0),
         _cell(jerk, q0=1.0),
         _cell(hold, p1=-1.0, q0=1.0),
     ]
@@ -436,25 +412,14 @@ def _end_velocity(point: Point) -> Array:
 def _velocity_after_start(point: Point) -> Array:
     """`q = −1` until the acceleration at the start is taken back."""
     release = np.clip(point.a0 / point.j_down, 0.0, 1.0)
-    phases = [
-        _cell(
-            np.zeros_like(release),
-            p0=-release,
-            p1=1.0,
-            q0=-1.0,
-        ),
-        _cell(release),
-    ]
+    phases = [_cell(np.zeros_like(release), p0=-release, p1=1.0, q0=-1.0), _cell(release)]
     return np.stack(phases, axis=-2)
 
 
 def _velocity_before_end(point: Point) -> Array:
     """`q = 1` from where the deceleration at the end begins."""
     braking = np.clip(-point.a1 / point.j_down, 0.0, 1.0)
-    phases = [
-        _cell(np.zeros_like(braking)),
-        _cell(1 - braking, p1=-1.0, q0=1.0),
-    ]
+    phases = [_cell(np.zeros_like(braking)), _cell(1 - braking, p1=-1.0, q0=1.0)]
     return np.stack(phases, axis=-2)
 
 

@@ -92,24 +92,11 @@ def ramp_row(relaxation: Relaxation, given: Ramp) -> Rows:
 def violated_ramps(relaxation: Relaxation, x: Array) -> list[Ramp]:
     """Return the ramps that a point's accelerations violate."""
     rest = np.zeros((1, relaxation.joints))
-    accelerations = np.concatenate(
-        [
-            rest,
-            x[relaxation.acceleration],
-            rest,
-        ]
-    )
+    accelerations = np.concatenate([rest, x[relaxation.acceleration], rest])
     rises = np.diff(accelerations, axis=0)
     time = x[relaxation.time][:, None]
     given = []
     for side, change in enumerate((-rises, rises)):
         violated = (change > relaxation.j[side] * time) & relaxation.jerky
-        given += [
-            Ramp(
-                segment,
-                joint,
-                side,
-            )
-            for segment, joint in np.argwhere(violated).tolist()
-        ]
+        given += [Ramp(segment, joint, side) for segment, joint in np.argwhere(violated).tolist()]
     return given

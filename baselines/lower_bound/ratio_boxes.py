@@ -25,15 +25,7 @@ from trajopt.planners import spline353
 
 # Exponents of `r1` and `r3` in the monomials.
 _EXPONENTS = np.array(
-    [
-        [0.0, 0.0],
-        [1.0, 0.0],
-        [0.0, 1.0],
-        [2.0, 0.0],
-        [0.0, 2.0],
-        [3.0, 0.0],
-        [0.0, 3.0],
-    ]
+    [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0, 0.0], [0.0, 2.0], [3.0, 0.0], [0.0, 3.0]]
 )
 # Quintic Hermite polynomials of `h, v0, v1, a0, a1` on the unit interval, highest power first.
 _HERMITE = np.array(
@@ -234,16 +226,7 @@ class Ratios:
     def _rows(self, instants: Array) -> _Rows:
         spline = self.spline
         d1, h, d3 = spline.displacements.T
-        parts = np.stack(
-            [
-                h,
-                3 * d1,
-                3 * d3,
-                6 * d1,
-                -6 * d3,
-            ],
-            axis=-1,
-        )
+        parts = np.stack([h, 3 * d1, 3 * d3, 6 * d1, -6 * d3], axis=-1)
         tables = []
         orders = []
         bounds = (spline.limits.velocity, spline.limits.acceleration, spline.limits.jerk)
@@ -263,10 +246,7 @@ class Ratios:
             tables.append(table)
             orders.append(0)
         counts = [len(table) for table in tables]
-        return _Rows(
-            coefficients=np.concatenate(tables),
-            orders=np.repeat(orders, counts),
-        )
+        return _Rows(coefficients=np.concatenate(tables), orders=np.repeat(orders, counts))
 
     def _position_tables(self, instants: Array, parts: Array) -> Iterator[Array]:
         """Yield a position's distance beyond each limit, over the joint's largest displacement."""

@@ -38,11 +38,7 @@ class Rows(NamedTuple):
 
     def chosen(self, numbers: Indices) -> Rows:
         """Return some of the rows."""
-        return Rows(
-            self.columns[numbers],
-            self.coefficients[numbers],
-            self.bounds[numbers],
-        )
+        return Rows(self.columns[numbers], self.coefficients[numbers], self.bounds[numbers])
 
     def single(self, number: int) -> Rows:
         """Return one of the rows."""
@@ -53,11 +49,7 @@ class Rows(NamedTuple):
 def joined(parts: Sequence[Rows]) -> Rows:
     """Put rows one after the other."""
     columns, coefficients, bounds = zip(*parts, strict=True)
-    return Rows(
-        np.concatenate(columns),
-        np.concatenate(coefficients),
-        np.concatenate(bounds),
-    )
+    return Rows(np.concatenate(columns), np.concatenate(coefficients), np.concatenate(bounds))
 
 
 class Box(NamedTuple):
@@ -85,11 +77,7 @@ class Relaxation:
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        cutoff: float,
-        time_unit: float,
-        length_units: Array,
+        self, problem: Problem, cutoff: float, time_unit: float, length_units: Array
     ) -> None:
         moving = problem.moving
         limits = problem.limits
@@ -217,10 +205,7 @@ class Relaxation:
         high[self.inverse] = (1 + ROUNDING_RTOL) / shortest
         low[self.square] = (1 - ROUNDING_RTOL) * shortest**2
         high[self.square] = (1 + ROUNDING_RTOL) * longest**2
-        sides = (
-            (self.before, slice(None, -1)),
-            (self.after, slice(1, None)),
-        )
+        sides = ((self.before, slice(None, -1)), (self.after, slice(1, None)))
         for side, neighbours in sides:
             least, most = _products(
                 low[self.acceleration],
@@ -234,11 +219,7 @@ class Relaxation:
 
     def box_rows(self, box: Box) -> Rows:
         """Return the rows of a box: the cut-off, then secants, then McCormick's rows."""
-        parts = (
-            self._cutoff_row(),
-            self._secants(box),
-            self._mccormick(box),
-        )
+        parts = (self._cutoff_row(), self._secants(box), self._mccormick(box))
         return joined(parts)
 
     @property
@@ -249,11 +230,7 @@ class Relaxation:
     def blank(self, count: int) -> Rows:
         """Return rows of zeros."""
         shape = (count, self.entries)
-        return Rows(
-            np.full(shape, self.nothing),
-            np.zeros(shape),
-            np.zeros(count),
-        )
+        return Rows(np.full(shape, self.nothing), np.zeros(shape), np.zeros(count))
 
     def _cutoff_row(self) -> Rows:
         row = self.blank(1)
@@ -344,14 +321,7 @@ def _sizes(pairs: Array, units: Array) -> Array:
 
 def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple[Array, Array]:
     """Return the least and the largest of `a T`, rounded outward."""
-    corners = np.stack(
-        [
-            low * shortest,
-            low * longest,
-            high * shortest,
-            high * longest,
-        ]
-    )
+    corners = np.stack([low * shortest, low * longest, high * shortest, high * longest])
     margin = ROUNDING_RTOL * np.abs(corners).max(axis=0)
     least = corners.min(axis=0)
     most = corners.max(axis=0)

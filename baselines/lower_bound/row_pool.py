@@ -40,12 +40,7 @@ class Tangent(NamedTuple):
 
 Source = Tangent | SquareTangent | Ramp | Cut
 # A proof counts its rows in this order.
-_KINDS: list[type] = [
-    SquareTangent,
-    Tangent,
-    Ramp,
-    Cut,
-]
+_KINDS: list[type] = [SquareTangent, Tangent, Ramp, Cut]
 
 
 class Proved(NamedTuple):
@@ -106,11 +101,7 @@ class RowPool:
         coefficients = rows.coefficients * self.units[rows.columns]
         row_units = powers_of_two(np.abs(coefficients).max(axis=1))
         coefficients /= row_units[:, None]
-        return Rows(
-            rows.columns,
-            coefficients,
-            rows.bounds / row_units,
-        ), row_units
+        return Rows(rows.columns, coefficients, rows.bounds / row_units), row_units
 
     def enter(self, box: Box) -> None:
         """Ask about another box from now on."""
@@ -154,16 +145,8 @@ class RowPool:
         if answer.x is None:
             return answer._replace(multipliers=multipliers)
         # HiGHS may leave the box by its tolerance
-        inside = np.clip(
-            answer.x * self.units,
-            self.box.low,
-            self.box.high,
-        )
-        return Answer(
-            inside,
-            answer.value * unit,
-            multipliers * unit,
-        )
+        inside = np.clip(answer.x * self.units, self.box.low, self.box.high)
+        return Answer(inside, answer.value * unit, multipliers * unit)
 
     # --- rows ---
 
@@ -213,9 +196,7 @@ class RowPool:
         scaled, row_unit = self._in_units(row)
         used = scaled.columns[0] != self.relaxation.nothing
         accepted = self.program.add_row(
-            scaled.columns[0, used],
-            scaled.coefficients[0, used],
-            float(scaled.bounds[0]),
+            scaled.columns[0, used], scaled.coefficients[0, used], float(scaled.bounds[0])
         )
         if accepted:
             self.row_units = np.append(self.row_units, row_unit)
@@ -229,12 +210,7 @@ class RowPool:
         of_box = used[used < self.box_count]
         of_pool = used[used >= self.box_count] - self.box_count
         rows = joined([self.box_rows.chosen(of_box), *(self.found[n] for n in of_pool)])
-        bound = dual_check.dual_bound(
-            objective,
-            self.box,
-            rows,
-            multipliers[used],
-        )
+        bound = dual_check.dual_bound(objective, self.box, rows, multipliers[used])
         return Proved(used, multipliers[used], bound)
 
     def tables(self, used: Indices) -> tuple[dict[str, Array], Indices]:
@@ -252,14 +228,7 @@ class RowPool:
         by_kind: dict[type, list[Any]] = {own: [] for own in _KINDS}
         for number in ordered:
             by_kind[type(self.sources[number])].append(self.sources[number])
-        heads = [
-            (
-                cut.segment,
-                cut.joint,
-                len(cut.cells),
-            )
-            for cut in by_kind[Cut]
-        ]
+        heads = [(cut.segment, cut.joint, len(cut.cells)) for cut in by_kind[Cut]]
         cells = [cut.cells for cut in by_kind[Cut]]
         tables = {
             "square_tangents": _table(by_kind[SquareTangent], 2),

@@ -41,12 +41,7 @@ _GAUSS_POINTS = {"first": 0.5 - 0.5 / np.sqrt(3), "second": 0.5 + 0.5 / np.sqrt(
 class Separation:
     """The program of one segment and joint with position limits; its grid stays between calls."""
 
-    def __init__(
-        self,
-        relaxation: Relaxation,
-        segment: int,
-        joint: int,
-    ) -> None:
+    def __init__(self, relaxation: Relaxation, segment: int, joint: int) -> None:
         self.relaxation = relaxation
         self.segment = segment
         self.joint = joint
@@ -55,13 +50,7 @@ class Separation:
         below = relaxation.below[segment, joint]
         self.slack = np.array([-below, relaxation.above[segment, joint]])
         self.columns = relaxation.row_columns(segment, joint)
-        self._build(
-            np.linspace(
-                0.0,
-                1.0,
-                _START_CELLS + 1,
-            )
-        )
+        self._build(np.linspace(0.0, 1.0, _START_CELLS + 1))
 
     def most_violated(self, x: Array, tolerance: float) -> Array | None:
         """Return the costates `(cells, 7)` whose row a point violates most.
@@ -81,12 +70,7 @@ class Separation:
             if not (slope[1:] != slope[:-1]).any():
                 # no position limit is active: `extremal` knows this row
                 break
-            coefficients, bound = costates.row(
-                self.relaxation,
-                self.segment,
-                self.joint,
-                cells,
-            )
+            coefficients, bound = costates.row(self.relaxation, self.segment, self.joint, cells)
             violation = float(coefficients @ point - bound)
             if violation > largest:
                 best = cells
@@ -118,29 +102,11 @@ class Separation:
     def _signed_integrals(self, cells: Array) -> tuple[Array, Array]:
         """Integrate the positive and the negative part of `p` (`q` without jerk limits)."""
         zero = np.zeros_like(self.widths)
-        quadratic = (
-            cells[:, 4],
-            cells[:, 5],
-            zero,
-        )
+        quadratic = (cells[:, 4], cells[:, 5], zero)
         if self.jerky:
-            quadratic = (
-                cells[:, 1],
-                cells[:, 2],
-                cells[:, 3],
-            )
-        upwards = costates.integral(
-            quadratic,
-            self.widths,
-            down=0.0,
-            up=1.0,
-        )
-        downwards = costates.integral(
-            quadratic,
-            self.widths,
-            down=1.0,
-            up=0.0,
-        )
+            quadratic = (cells[:, 1], cells[:, 2], cells[:, 3])
+        upwards = costates.integral(quadratic, self.widths, down=0.0, up=1.0)
+        downwards = costates.integral(quadratic, self.widths, down=1.0, up=0.0)
         return upwards, downwards
 
     def _halve(self, chosen: Bools) -> None:
@@ -149,14 +115,7 @@ class Separation:
         if len(self.starts) > _MAX_CELLS:
             near = np.append(chosen, False)
             near[1:] |= chosen
-            knots = np.union1d(
-                knots[near],
-                np.linspace(
-                    0.0,
-                    1.0,
-                    _START_CELLS + 1,
-                ),
-            )
+            knots = np.union1d(knots[near], np.linspace(0.0, 1.0, _START_CELLS + 1))
         middles = self.starts[chosen] + self.widths[chosen] / 2
         self._build(np.union1d(knots, middles))
 
@@ -173,18 +132,10 @@ class Separation:
         self.widths = np.diff(knots)
         cells = len(self.widths)
         free = {"q": cells + 1, "slope": cells}
-        parts = {
-            "v": cells,
-            "q_jump": cells - 1,
-            "slope_jump": cells - 1,
-        }
+        parts = {"v": cells, "q_jump": cells - 1, "slope_jump": cells - 1}
         if self.jerky:
             free["p"] = cells + 1
-            parts |= {
-                "a_start": cells,
-                "a_end": cells,
-                "p_jump": cells - 1,
-            }
+            parts |= {"a_start": cells, "a_end": cells, "p_jump": cells - 1}
         gauss = "p" if self.jerky else "q"
         parts |= {f"{gauss}_{point}": cells for point in _GAUSS_POINTS}
         sizes = free | parts
@@ -223,26 +174,13 @@ class Separation:
         cells = len(self.widths)
         w = np.diag(self.widths)
         start = np.eye(cells, cells + 1)
-        end = np.eye(
-            cells,
-            cells + 1,
-            1,
-        )
+        end = np.eye(cells, cells + 1, 1)
         jump = np.eye(cells, cells - 1)
         between = np.eye(cells - 1)
-        step = np.eye(
-            cells - 1,
-            cells,
-            1,
-        ) - np.eye(cells - 1, cells)
+        step = np.eye(cells - 1, cells, 1) - np.eye(cells - 1, cells)
         equations = [
             # q_{i+1} = q_i − λ w + v w + jump
-            {
-                "q": end - start,
-                "slope": w,
-                "v": -w,
-                "q_jump": -jump,
-            },
+            {"q": end - start, "slope": w, "v": -w, "q_jump": -jump},
             # λ_{i+1} = λ_i + jump
             {"slope": step, "slope_jump": -between},
         ]
@@ -250,34 +188,15 @@ class Separation:
             # q at the Gauss points: without p, acceleration pays for all of q
             for point, share in _GAUSS_POINTS.items():
                 s = share * w
-                equations.append(
-                    {
-                        "q": start,
-                        "slope": -s,
-                        "v": s,
-                        f"q_{point}": -np.eye(cells),
-                    }
-                )
+                equations.append({"q": start, "slope": -s, "v": s, f"q_{point}": -np.eye(cells)})
             return equations
         # p_{i+1} = p_i + ∫ (a − q) over the cell + jump, then p at the Gauss points
         whole = self._p_gained(self.widths)
         chain = {name: -coefficients for name, coefficients in whole.items()}
-        equations.append(
-            {
-                "p": end - start,
-                "p_jump": -jump,
-                **chain,
-            }
-        )
+        equations.append({"p": end - start, "p_jump": -jump, **chain})
         for point, share in _GAUSS_POINTS.items():
             gained = self._p_gained(share * self.widths)
-            equations.append(
-                {
-                    "p": start,
-                    f"p_{point}": -np.eye(cells),
-                    **gained,
-                }
-            )
+            equations.append({"p": start, f"p_{point}": -np.eye(cells), **gained})
         return equations
 
     def _p_gained(self, s: Array) -> dict[str, Array]:
@@ -299,12 +218,7 @@ class Separation:
         """Return the columns of a quantity's upward or downward part."""
         return self.at[name] if upwards else self.at[name] + self.part_count
 
-    def _costs(
-        self,
-        time: float,
-        inverse: float,
-        square: float,
-    ) -> Array:
+    def _costs(self, time: float, inverse: float, square: float) -> Array:
         """Return the row's right-hand side, part by part."""
         relaxation = self.relaxation
         costs = np.zeros(self.free_count + 2 * self.part_count)
@@ -379,15 +293,7 @@ class Separation:
             gauss = np.stack([difference("p_first"), difference("p_second")])
             size = np.abs(gauss).max(axis=0)
             p[:, size <= _ZERO_RTOL * size.max()] = 0.0
-        return np.column_stack(
-            [
-                self.starts,
-                *p,
-                q0,
-                q1,
-                slope,
-            ]
-        )
+        return np.column_stack([self.starts, *p, q0, q1, slope])
 
 
 def _without_idle_borders(cells: Array) -> Array:

@@ -110,12 +110,7 @@ def _quintic(problem: Problem, copp: Any) -> Trajectory:
     knots = np.linspace(first, last, len(problem.waypoints))
     at = path.evaluate_up_to_2nd(knots)
     return Trajectory.from_samples(
-        knots,
-        problem.waypoints,
-        at.dq,
-        at.ddq,
-        interpolation="quintic",
-        waypoint_times=knots,
+        knots, problem.waypoints, at.dq, at.ddq, interpolation="quintic", waypoint_times=knots
     )
 
 
@@ -138,11 +133,7 @@ def _derivatives(grid: Grid) -> list[Array]:
 
 
 def _sampled(
-    derivatives: list[Array],
-    profile: Any,
-    times: Array,
-    grid: Grid,
-    waypoints: Array,
+    derivatives: list[Array], profile: Any, times: Array, grid: Grid, waypoints: Array
 ) -> Trajectory:
     """Return the motion through the gridpoints' positions, velocities and accelerations."""
     position, slope, bend, _ = derivatives
@@ -153,9 +144,5 @@ def _sampled(
     acceleration = bend * squared + slope * path_acceleration
     nearest = np.abs(grid.at[:, None] - waypoints).argmin(axis=0)
     return Trajectory.from_samples(
-        times,
-        position,
-        velocity,
-        acceleration,
-        waypoint_times=times[nearest] - times[0],
+        times, position, velocity, acceleration, waypoint_times=times[nearest] - times[0]
     )

@@ -64,10 +64,7 @@ class DrakeKto(Rival):
         count = self.order + controls * problem.segments
         stopping = _SLOWER * float(stop_times(problem).sum())
         search = planning.KinematicTrajectoryOptimization(
-            problem.joints,
-            count,
-            self.order,
-            stopping,
+            problem.joints, count, self.order, stopping
         )
         for q, share in zip(problem.waypoints, shares, strict=True):
             search.AddPathPositionConstraint(q, q, share)

@@ -91,11 +91,7 @@ class MinSnap(Rival):
 
 
 def spline(
-    problem: Problem,
-    durations: Array,
-    order: int | tuple[int, ...],
-    degree: int,
-    package: Any,
+    problem: Problem, durations: Array, order: int | tuple[int, ...], degree: int, package: Any
 ) -> Trajectory:
     """Return the package's spline of a degree, with segments of these durations, s."""
     times = np.r_[0.0, np.cumsum(durations)]
@@ -118,11 +114,7 @@ def spline(
     return Trajectory(times, coefficients, times)
 
 
-def optimised(
-    problem: Problem,
-    durations: Array,
-    at: Callable[[Array], Trajectory],
-) -> Array:
+def optimised(problem: Problem, durations: Array, at: Callable[[Array], Trajectory]) -> Array:
     """Return the segment times whose spline is shortest once dilated, by Powell's method.
 
     Args:

@@ -147,19 +147,12 @@ def _inside(values: Array) -> Array:
 
 
 def _motion(
-    positions: Array,
-    circles: _Circles,
-    velocities: Array,
-    waypoints: Indices,
+    positions: Array, circles: _Circles, velocities: Array, waypoints: Indices
 ) -> Trajectory:
     """Return TOTG's path from middle to middle at its path speeds there."""
     at = np.r_[0.0, np.cumsum(circles.between)]
     path = Trajectory.from_samples(
-        at,
-        positions,
-        circles.tangent,
-        circles.curvature,
-        interpolation="quintic",
+        at, positions, circles.tangent, circles.curvature, interpolation="quintic"
     )
     steps = np.diff(at)
     local = polynomials.stretched(path.coefficients, steps)

@@ -39,11 +39,7 @@ def needless(problem: Problem, trajectory: Trajectory) -> int:
 
 
 def _could_go(
-    problem: Problem,
-    trajectory: Trajectory,
-    segment: int,
-    own: Indices,
-    place: int,
+    problem: Problem, trajectory: Trajectory, segment: int, own: Indices, place: int
 ) -> bool:
     """Return whether a segment of these pieces could do without the break after this one."""
     lengths = trajectory.lengths[own]
@@ -61,10 +57,7 @@ def _could_go(
 
 
 def _least_excess(
-    lengths: Array,
-    states: list[tuple[float, float]],
-    h: float,
-    limits: list[Array],
+    lengths: Array, states: list[tuple[float, float]], h: float, limits: list[Array]
 ) -> float:
     """The least excess over the limits of one joint, relative; infinite if nothing gets there.
 

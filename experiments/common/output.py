@@ -18,10 +18,6 @@ def save_table(table: pd.DataFrame, stem: Path) -> None:
     table.to_csv(stem.with_suffix(".csv"), index=False)
     given = table.notna()
     blank = table.astype(object).where(given, None)
-    text = blank.to_markdown(
-        index=False,
-        floatfmt=".6g",
-        missingval="",
-    )
+    text = blank.to_markdown(index=False, floatfmt=".6g", missingval="")
     markdown = stem.with_suffix(".md")
     markdown.write_text(f"{text}\n")

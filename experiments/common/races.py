@@ -60,10 +60,7 @@ class Outcome:
 
 
 def run(
-    entrants: Mapping[str, Planner],
-    field: Sequence[Problem],
-    seeds: int,
-    folder: Path,
+    entrants: Mapping[str, Planner], field: Sequence[Problem], seeds: int, folder: Path
 ) -> Outcome:
     """Compare the entrants on problems, and prove the best 3-5-3 of each.
 

@@ -17,9 +17,7 @@ JOBS = 2
 
 
 def compared(
-    problems: Iterable[tuple[str, Problem]],
-    planners: Iterable[tuple[str, str]],
-    folder: Path,
+    problems: Iterable[tuple[str, Problem]], planners: Iterable[tuple[str, str]], folder: Path
 ) -> pd.DataFrame:
     """Compare planners on problems, each with the name of its group.
 

@@ -68,36 +68,19 @@ class OtherSwarm(SwarmPlanner):
         return replace(own, groups=groups)
 
 
-def exact_excess(
-    displacements: Array,
-    times: Array,
-    limits: Limits,
-) -> Array:
+def exact_excess(displacements: Array, times: Array, limits: Limits) -> Array:
     """By how much the true peaks of velocity and acceleration exceed their limits."""
-    use_v, use_a, _ = spline353.limit_use(
-        displacements,
-        times,
-        limits,
-        exact_above=1.0,
-    )
+    use_v, use_a, _ = spline353.limit_use(displacements, times, limits, exact_above=1.0)
     return _excess(use_v, use_a)
 
 
-def ends_excess(
-    displacements: Array,
-    times: Array,
-    limits: Limits,
-) -> Array:
+def ends_excess(displacements: Array, times: Array, limits: Limits) -> Array:
     """Fitness whose limits are checked at the waypoints only."""
     v, a = _at_ends(displacements, times)
     return _beyond(v, a, limits)
 
 
-def printed_excess(
-    displacements: Array,
-    times: Array,
-    limits: Limits,
-) -> Array:
+def printed_excess(displacements: Array, times: Array, limits: Limits) -> Array:
     """Fitness with the quintic's eq. 28 as printed: `3 a₃ τ³` and `9 a₃ τ²`, at 21 samples."""
     quintic = spline353.coefficients(displacements, times)[1]
     p5, p4, p3, p2, p1, _ = np.moveaxis(quintic, -1, 0)
@@ -124,11 +107,7 @@ def _at_ends(displacements: Array, times: Array) -> tuple[Array, Array]:
     return v, a
 
 
-def _beyond(
-    velocity: Array,
-    acceleration: Array,
-    limits: Limits,
-) -> Array:
+def _beyond(velocity: Array, acceleration: Array, limits: Limits) -> Array:
     use_v = velocity / limits.velocity[..., 1]
     use_a = acceleration / limits.acceleration[..., 1]
     return _excess(use_v, use_a)
@@ -187,13 +166,7 @@ class Reading:
     algorithms: tuple[str, ...] = ALGORITHMS
     beside: str = ""
 
-    def search(
-        self,
-        algorithm: str,
-        timing: str,
-        seeds: int,
-        iterations: int,
-    ) -> Runs:
+    def search(self, algorithm: str, timing: str, seeds: int, iterations: int) -> Runs:
         problem = self.problem(suite.load("six-axis"))
         planner = load(algorithm)
         known = options(planner)
@@ -251,11 +224,7 @@ def _with_first_pso(base: Reading) -> Reading:
     )
 
 
-def _with_pso(
-    name: str,
-    problem: Change = unchanged,
-    fitness: Fitness | None = None,
-) -> Reading:
+def _with_pso(name: str, problem: Change = unchanged, fitness: Fitness | None = None) -> Reading:
     return Reading(name, fitness=fitness, problem=problem, algorithms=PSO_ALONE)
 
 
@@ -263,23 +232,12 @@ READINGS = (
     DEFAULT,
     *BASES,
     Reading(
-        "eq. 41, 43, 49, 50 as printed",
-        options=PRINTED,
-        algorithms=SPARROWS,
-        beside=DEFAULT.name,
+        "eq. 41, 43, 49, 50 as printed", options=PRINTED, algorithms=SPARROWS, beside=DEFAULT.name
     ),
     Reading(
-        "always accept",
-        options={"acceptance": "always"},
-        algorithms=SPARROWS,
-        beside=DEFAULT.name,
+        "always accept", options={"acceptance": "always"}, algorithms=SPARROWS, beside=DEFAULT.name
     ),
-    Reading(
-        "PSO of 1995",
-        options=FIRST_PSO,
-        algorithms=PSO_ALONE,
-        beside=DEFAULT.name,
-    ),
+    Reading("PSO of 1995", options=FIRST_PSO, algorithms=PSO_ALONE, beside=DEFAULT.name),
     *map(_with_first_pso, BASES[1:]),
     _with_pso("eq. 31 as printed", printed_order),
     _with_pso("joint 1's limits for all", one_joint_for_all(0)),

@@ -71,11 +71,7 @@ def stored(file: Path, search: Callable[[], Runs]) -> Runs:
         return Runs(arrays["times"], arrays["history"])
 
 
-def swarm(
-    planner: Planner,
-    problem: Problem,
-    seeds: int,
-) -> Runs:
+def swarm(planner: Planner, problem: Problem, seeds: int) -> Runs:
     """Runs of the toolkit's swarm planner, seeds from 0."""
     assert isinstance(planner, SwarmPlanner)
     times = []

@@ -25,9 +25,7 @@ def estimates(tables: dict[str, pd.DataFrame]) -> Estimates:
             prefix = "time"
         algorithm = row["algorithm"]
         ours[f"{prefix}-{algorithm}"] = statistics.Estimate(
-            row["claimed s"],
-            row["low s"],
-            row["high s"],
+            row["claimed s"], row["low s"], row["high s"]
         )
     for name in ("table4", "table5"):
         for _, row in tables[name].iterrows():
@@ -36,9 +34,7 @@ def estimates(tables: dict[str, pd.DataFrame]) -> Estimates:
             joint = row["joint"]
             other = row["ISSA over"].lower()
             ours[f"{name}-{joint}-{other}"] = statistics.Estimate(
-                row["ours %"],
-                row["low %"],
-                row["high %"],
+                row["ours %"], row["low %"], row["high %"]
             )
     return ours
 
@@ -49,10 +45,7 @@ def _angles(table: pd.DataFrame) -> Estimates:
     fixed = table.drop(free.index)
     same = fixed["difference"].abs() < 1e-6
     degrees = free["ours deg"].iloc[0]
-    return {
-        "table2-fixed": exactly(same.sum()),
-        "table2-free": exactly(degrees),
-    }
+    return {"table2-fixed": exactly(same.sum()), "table2-free": exactly(degrees)}
 
 
 def totals(found: Found, problem: Problem) -> Estimates:
@@ -105,11 +98,7 @@ def verdict(row: dict[str, Any], ours: Estimates) -> str:
     return "not reproduced"
 
 
-def _holds(
-    ours: statistics.Estimate,
-    number: float,
-    slack: float,
-) -> bool:
+def _holds(ours: statistics.Estimate, number: float, slack: float) -> bool:
     low = ours.low - slack
     high = ours.high + slack
     if not low <= number <= high:

@@ -60,11 +60,7 @@ def _nearest(problem: Judged) -> float:
     return min(ratios)[1]
 
 
-def _row_of_all(
-    axes: Axes,
-    row: int,
-    problem: Judged,
-) -> None:
+def _row_of_all(axes: Axes, row: int, problem: Judged) -> None:
     known = problem.known
     assert known.best is not None
     axes.plot(

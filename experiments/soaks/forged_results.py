@@ -130,11 +130,7 @@ def high_degree(text: bytes, rng: Rng) -> bytes:
     table = _table(text)
     ends = [0.0, 1.0]
     rows = [[[1.0]]] * 20_001
-    table["solution"]["trajectory"] = {
-        "breaks": ends,
-        "coefficients": rows,
-        "waypoint_times": ends,
-    }
+    table["solution"]["trajectory"] = {"breaks": ends, "coefficients": rows, "waypoint_times": ends}
     return sealed(table)
 
 
@@ -264,12 +260,7 @@ FILE_CRAFTS: tuple[FileCraft, ...] = (
 CRAFTS: tuple[Craft, ...] = (*TEXT_CRAFTS, *FILE_CRAFTS)
 
 
-def crafted(
-    folder: Path,
-    work: Path,
-    craft: Craft,
-    rng: Rng,
-) -> Path:
+def crafted(folder: Path, work: Path, craft: Craft, rng: Rng) -> Path:
     """A forged file: a `results.h5`, or as often a trial's text where only that is crafted."""
     if craft in FILE_CRAFTS:
         return _crafted_file(folder, work, lambda file, secret: craft(file, rng, secret))
@@ -285,11 +276,7 @@ def crafted(
     return _crafted_file(folder, work, lambda file, _: _replaced(file, data=data, **_CHUNKED))
 
 
-def _crafted_file(
-    folder: Path,
-    work: Path,
-    craft: Callable[[h5py.File, Path], None],
-) -> Path:
+def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], None]) -> Path:
     secret = work / "secret.txt"
     secret.write_text(SECRET)
     with h5py.File(secret.with_suffix(".h5"), "w") as other:
@@ -312,19 +299,11 @@ def corrupted(folder: Path, work: Path, rng: Rng) -> Path:
     return path
 
 
-def faults(
-    path: Path,
-    *,
-    expected: pd.DataFrame | None,
-    report: bool,
-) -> list[str]:
+def faults(path: Path, *, expected: pd.DataFrame | None, report: bool) -> list[str]:
     """List the faults of `verify`, `export` and `report` on a file; `expected`: its true table."""
     table = path.with_name("trials.csv")
     table.unlink(missing_ok=True)
-    commands = [
-        ["verify", str(path)],
-        _export(path, table),
-    ]
+    commands = [["verify", str(path)], _export(path, table)]
     if report:
         commands.append(["report", str(path)])
     found = []

@@ -142,11 +142,7 @@ def one_leaf(honest: Said, **tables: Any) -> Said:
 
 
 def one_row(
-    honest: Said,
-    cells: Sequence[Any],
-    multiplier: float,
-    time_unit: float,
-    length_unit: float,
+    honest: Said, cells: Sequence[Any], multiplier: float, time_unit: float, length_unit: float
 ) -> Said:
     """A leaf with one row of costates: of the segment and joint that go farthest upwards."""
     places = np.array(honest["problem"]["waypoints"])
@@ -163,22 +159,13 @@ def one_row(
     )
 
 
-def _box_rows(
-    honest: Said,
-    segments: int,
-    joints: int,
-) -> int:
+def _box_rows(honest: Said, segments: int, joints: int) -> int:
     """The cut-off's, the secants', and McCormick's of joints with jerk limits."""
     jerky = joints if "jerk" in honest["problem"]["limits"] else 0
     return 1 + 2 * segments + 8 * (segments - 1) * jerky
 
 
-def with_first(
-    honest: Said,
-    table: str,
-    column: int,
-    value: Any,
-) -> Said:
+def with_first(honest: Said, table: str, column: int, value: Any) -> Said:
     """The first row of a table with another number."""
     said = changed(honest)
     said["proof"][table][0][column] = value

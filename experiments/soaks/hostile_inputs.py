@@ -55,11 +55,7 @@ def one(seed: int, mutated: bool) -> dict[str, Any]:
         return text(Path(work), rng, mutated)
 
 
-def text(
-    work: Path,
-    rng: np.random.Generator,
-    mutated: bool,
-) -> dict[str, Any]:
+def text(work: Path, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
     """One text file."""
     names = sorted(hostile_texts.formats())
     name = names[int(rng.integers(len(names)))]
@@ -85,12 +81,7 @@ def text(
     }
 
 
-def stored(
-    work: Path,
-    number: int,
-    rng: np.random.Generator,
-    mutated: bool,
-) -> dict[str, Any]:
+def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
     """One results file."""
     folder, numbers = _template()
     crafts = forged_results.CRAFTS
@@ -99,18 +90,12 @@ def stored(
     else:
         path = forged_results.crafted(folder, work, crafts[number % len(crafts)], rng)
     faults = forged_results.faults(
-        path,
-        expected=numbers if mutated else None,
-        report=number % REPORT_EVERY == 0,
+        path, expected=numbers if mutated else None, report=number % REPORT_EVERY == 0
     )
     return {"format": "results, HDF5", "outcome": "read or refused", "faults": "; ".join(faults)}
 
 
-def table(
-    mutations: int,
-    crafts: int,
-    first: int,
-) -> pd.DataFrame:
+def table(mutations: int, crafts: int, first: int) -> pd.DataFrame:
     """A row for each file from seed `first` on; a child that was killed or hung is a fault."""
     asked = [(first + number, True) for number in range(mutations)]
     asked += [(first + number, False) for number in range(crafts)]

@@ -100,11 +100,7 @@ def honest(problem: Problem) -> Trajectory:
     return Trajectory(np.array([0.0, half, OPTIMUM]), pieces, np.array([0.0, OPTIMUM]))
 
 
-def forged(
-    problem: Problem,
-    trajectory: Trajectory,
-    *_: Any,
-) -> verification.Certificate:
+def forged(problem: Problem, trajectory: Trajectory, *_: Any) -> verification.Certificate:
     """A certificate that praises whatever it is given."""
     certificate = _VERIFY(PROBLEM, honest(PROBLEM))
     return replace(certificate, duration=trajectory.duration, dilation=0.5)

@@ -66,12 +66,7 @@ def drawn(seed: int) -> Problem:
     if seed % 25:
         joints = rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2])
         waypoints = rng.choice([2, 3, 4, 5], p=[0.2, 0.4, 0.25, 0.15])
-    problem = random_problem(
-        seed,
-        joints=joints,
-        waypoints=waypoints,
-        jerk=seed % 2 == 1,
-    )
+    problem = random_problem(seed, joints=joints, waypoints=waypoints, jerk=seed % 2 == 1)
     if seed % 3:
         return problem
     # Every third problem's jerk limits are asymmetric.
@@ -122,11 +117,7 @@ def relations(problem: Problem, seed: int) -> Checks:
         yield from free(problem, able, seed)
 
 
-def ordered(
-    problem: Problem,
-    optimum: str,
-    able: list[str],
-) -> Checks:
+def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
     """Nobody is faster than the optimum, nor than a planner that may do more."""
     pairs = [(optimum, name) for name in able if not name.startswith("exact")]
     pairs += [("spline353-nlp", name) for name in able if name in ("unoptimised", "pso")]
@@ -137,11 +128,7 @@ def ordered(
         yield f"{low} <= {high}", above(shorter, longer), THEOREM
 
 
-def unchanged(
-    problem: Problem,
-    symmetry: Symmetry,
-    names: list[str],
-) -> Checks:
+def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
     """A symmetric problem's minimum time, but for the factor, is the problem's own."""
     kind, factor, other = symmetry
     for name in names:
@@ -166,18 +153,10 @@ def alike(problem: Problem, seed: int) -> list[Symmetry]:
     # Every other joint mirrored: its limits change sides.
     even = np.arange(problem.joints) % 2 == 0
     signs = 1 - 2 * even
-    mirrored = Limits(
-        _sides_changed(v, even),
-        _sides_changed(a, even),
-        _sides_changed(j, even),
-    )
+    mirrored = Limits(_sides_changed(v, even), _sides_changed(a, even), _sides_changed(j, even))
     # Backwards in time velocity and jerk change signs.
     every = np.ones_like(even)
-    reversed_ = Limits(
-        _sides_changed(v, every),
-        a,
-        _sides_changed(j, every),
-    )
+    reversed_ = Limits(_sides_changed(v, every), a, _sides_changed(j, every))
     return [
         ("scaling", c, Problem(q, scaled)),
         ("permuting", 1.0, Problem(q[:, order], permuted)),
@@ -192,11 +171,7 @@ def _sides_changed(limits: Array, joints: Mask) -> Array:
     return np.where(joints[:, None], changed, limits)
 
 
-def free(
-    problem: Problem,
-    able: list[str],
-    seed: int,
-) -> Checks:
+def free(problem: Problem, able: list[str], seed: int) -> Checks:
     """The exact optimum in other ways; paths timed anew, up to the grid; a certificate."""
     trajectory, exact = answer("exact", problem)
     if trajectory is not None:
@@ -330,11 +305,7 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def main(
-    problems: int = 2000,
-    jobs: int = 1,
-    output: Path = Path("results/relations"),
-) -> None:
+def main(problems: int = 2000, jobs: int = 1, output: Path = Path("results/relations")) -> None:
     """Check the relations on every problem and print the table."""
     cells = {(seed,): partial(checked, seed) for seed in range(problems)}
     # Forking loaded solvers is not safe.

@@ -13,11 +13,7 @@ DATA = Path(__file__).with_name("data")
 WIDTH = 80  # characters of a terminal's line
 
 
-def conclude(
-    rows: pd.DataFrame,
-    succeeded: pd.Series[bool],
-    stem: Path,
-) -> None:
+def conclude(rows: pd.DataFrame, succeeded: pd.Series[bool], stem: Path) -> None:
     """Write the rows, print a line per family and the attacks that succeeded.
 
     Args:

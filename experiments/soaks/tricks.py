@@ -104,11 +104,7 @@ def _changed(family: dict[str, Any], tricks: Sequence[Trick]) -> Iterator[Trick]
         problem, trajectory = change(trick.problem, trick.trajectory)
         name = f"{family['change']}, {trick.name}"
         yield replace(
-            trick,
-            family=family["name"],
-            name=name,
-            problem=problem,
-            trajectory=trajectory,
+            trick, family=family["name"], name=name, problem=problem, trajectory=trajectory
         )
 
 
@@ -119,11 +115,7 @@ def _limits(problem: Problem) -> str:
 # --- optima and honest motions ---
 
 
-def least_time(
-    h: float,
-    V: float,
-    A: float,
-) -> float:
+def least_time(h: float, V: float, A: float) -> float:
     """From rest to rest over `h`, s: two parabolas, and a cruise between them where `h > V²/A`."""
     if h * A <= V**2:
         # T = 2 √(h / A)
@@ -142,12 +134,7 @@ def least_time_of_swing(h: float, J: float) -> float:
     return math.cbrt(12 * h / J)
 
 
-def driven(
-    phases: Sequence[Phase],
-    x: float = 0.0,
-    v: float = 0.0,
-    a: float = 0.0,
-) -> Trajectory:
+def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0.0) -> Trajectory:
     """One joint from its phases, position and velocity continuous."""
     breaks = [0.0]
     columns = []
@@ -177,12 +164,7 @@ def together(joints: Sequence[Trajectory], times: ArrayLike) -> Trajectory:
     return Trajectory.joined(parts, times)
 
 
-def rest_to_rest(
-    h: float,
-    V: float,
-    A: float,
-    v0: float = 0.0,
-) -> Trajectory:
+def rest_to_rest(h: float, V: float, A: float, v0: float = 0.0) -> Trajectory:
     """A move over `h` that begins and ends with a velocity of `v0`."""
     # h = (p² − v0²) / A without a cruise
     peak = min(V, (h * A + v0**2) ** 0.5)
@@ -192,11 +174,7 @@ def rest_to_rest(
         # h = V cruise + (V² − v0²) / A
         rest = h - (V**2 - v0**2) / A
         cruise = max(0.0, rest / V)
-    phases = [
-        (rise, A, 0.0),
-        (cruise, 0.0, 0.0),
-        (rise, -A, 0.0),
-    ]
+    phases = [(rise, A, 0.0), (cruise, 0.0, 0.0), (rise, -A, 0.0)]
     return driven(phases, v=v0)
 
 
@@ -218,11 +196,7 @@ def smooth_cruise(h: float, J: float) -> Trajectory:
 
 
 def instead_of_move(
-    cheat: Trajectory,
-    h: float = 1.0,
-    V: float = 1.0,
-    A: float = 1.0,
-    start: float = 0.0,
+    cheat: Trajectory, h: float = 1.0, V: float = 1.0, A: float = 1.0, start: float = 0.0
 ) -> Case:
     """A motion that shall pass for that of one joint over `h`."""
     limits = Limits([V], [A])
@@ -234,12 +208,7 @@ def instead_of_move(
 # --- builders of families ---
 
 
-def head_start(
-    V: float,
-    A: float,
-    h: float,
-    share: float,
-) -> Case:
+def head_start(V: float, A: float, h: float, share: float) -> Case:
     """The velocity jumps by a share of its limit at both ends."""
     reachable = (h * A) ** 0.5
     v0 = min(share * V, 0.9 * reachable)
@@ -254,22 +223,12 @@ def accelerated_start(A: float, a0: float) -> Case:
         missing = s**3 - a0**2 * s + a0**3 / 3 - 0.5
         s -= missing / (3 * s**2 - a0**2)
     d = s - a0
-    cheat = driven(
-        [
-            (d, a0, 1.0),
-            (2 * s, None, -1.0),
-            (d, None, 1.0),
-        ]
-    )
+    cheat = driven([(d, a0, 1.0), (2 * s, None, -1.0), (d, None, 1.0)])
     limits = Limits([1e3], [A], jerk=[1.0])
     return Problem([[0.0], [1.0]], limits), cheat, least_time_of_jerk(1.0, 1.0)
 
 
-def short_way(
-    coordinate: float,
-    h: float,
-    short: float,
-) -> Case:
+def short_way(coordinate: float, h: float, short: float) -> Case:
     """A joint that starts late and ends early, beside one that rests."""
     limits = Limits([1.0, 1.0], [1.0, 1.0])
     problem = Problem([[coordinate, 0.0], [coordinate, h]], limits)
@@ -325,11 +284,7 @@ def velocity_steps(pieces: int) -> Case:
     return instead_of_move(one_joint(breaks, columns), V=100.0)
 
 
-def overflow(
-    length: float,
-    first: float,
-    second: float,
-) -> Case:
+def overflow(length: float, first: float, second: float) -> Case:
     """Half the optimum, and a first piece whose highest coefficients overflow."""
     fast = rest_to_rest(1.0, 200.0, 4.0)
     breaks = np.concatenate([[0.0, length], fast.breaks[1:]])
@@ -394,12 +349,7 @@ def too_fast(by: float, also: str) -> Case:
 
 
 def passages(
-    turns: int,
-    d: float,
-    slope: float,
-    also: str,
-    elapsed: float = 0.0,
-    coordinate: float = 0.0,
+    turns: int, d: float, slope: float, also: str, elapsed: float = 0.0, coordinate: float = 0.0
 ) -> Case:
     """Two joints at the same speed, past pairs of waypoints `d` and `slope · d` apart.
 
@@ -430,11 +380,7 @@ def passages(
     return Problem(waypoints, limits), together(joints, times), optimum
 
 
-def passages_at_coordinate(
-    turns: int,
-    d: float,
-    also: str,
-) -> Case:
+def passages_at_coordinate(turns: int, d: float, also: str) -> Case:
     """The second joint moves by one unit in the last place of its coordinate."""
     coordinate = 1e5
     slope = float(np.spacing(coordinate)) / d
@@ -477,12 +423,7 @@ def tiny_swings(swings: int, each: float) -> Case:
     first = first.refined([quintic / 2])
     ramp = 1 / A
     second = driven(
-        [
-            (ramp, A, 0.0),
-            (1 - ramp, 0.0, 0.0),
-            (ramp, -A, 0.0),
-            (times[-1] - begin, 0.0, 0.0),
-        ]
+        [(ramp, A, 0.0), (1 - ramp, 0.0, 0.0), (ramp, -A, 0.0), (times[-1] - begin, 0.0, 0.0)]
     )
     third = Trajectory(times, lines[..., 2:], ends)
     unlimited = [np.inf, np.inf]
@@ -492,12 +433,7 @@ def tiny_swings(swings: int, each: float) -> Case:
     return Problem(waypoints, limits), cheat, optimum
 
 
-def swings_within_tolerance(
-    swings: int,
-    h: float,
-    each: float,
-    also: str,
-) -> Case:
+def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Case:
     """Straight lines there and back, where each swing takes from rest to rest.
 
     Before the swings a second joint takes 2 s, less at most half of the first swing.
@@ -517,13 +453,7 @@ def swings_within_tolerance(
     columns[4, 1:] = -np.diff(swung) / np.diff(times[1:])
     first = one_joint(times, columns.T)
     rest = times[-1] - 2
-    second = driven(
-        [
-            (1.0, 1.0, 0.0),
-            (1.0, -1.0, 0.0),
-            (rest, 0.0, 0.0),
-        ]
-    )
+    second = driven([(1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (rest, 0.0, 0.0)])
     swing = least_time_of_swing(h, 10.0) if jerk else least_time(h, 9.0, 1.0)
     optimum = 2 + (swings - 1) * swing
     return Problem(waypoints, limits), together([first, second], times), optimum
@@ -569,12 +499,7 @@ def run_up(
     near = offset - side * gap
     gap = abs(offset - near)  # rounded
     low, high = sorted([near, offset + side * 9])
-    limits = Limits(
-        [9.0, 9.0],
-        [1.0, 1.0],
-        jerk=[np.inf, J],
-        position=[[0.0, 1.0], [low, high]],
-    )
+    limits = Limits([9.0, 9.0], [1.0, 1.0], jerk=[np.inf, J], position=[[0.0, 1.0], [low, high]])
     # the cheat's velocity at that waypoint, and the motion up to it
     v0 = (2 * (gap + excess)) ** 0.5
     last = _time_from(v0, J)

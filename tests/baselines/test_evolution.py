@@ -49,14 +49,7 @@ def test_finds_the_centre_of_a_sphere(optimiser):
 
 @pytest.mark.parametrize("optimiser", BOTH)
 def test_finds_the_end_of_rosenbrocks_valley(optimiser):
-    result = minimise(
-        optimiser,
-        rosenbrock,
-        [-0.5, -3, 0.9],
-        [3.5, 2, 8],
-        [0],
-        iterations=200,
-    )
+    result = minimise(optimiser, rosenbrock, [-0.5, -3, 0.9], [3.5, 2, 8], [0], iterations=200)
     np.testing.assert_allclose(result.position, 1, atol=1e-4)
 
 
@@ -65,11 +58,7 @@ def test_finds_a_minimum_in_the_corner_of_the_box(optimiser):
     result = minimise(
         optimiser, lambda x: (x * [1, 2, -3]).sum(-1), LOW, HIGH, range(2), iterations=100
     )
-    np.testing.assert_allclose(
-        result.position,
-        np.tile([0, 0, 4], (2, 1)),
-        atol=1e-5,
-    )
+    np.testing.assert_allclose(result.position, np.tile([0, 0, 4], (2, 1)), atol=1e-5)
 
 
 @pytest.mark.parametrize("optimiser", BOTH)
@@ -85,26 +74,13 @@ def test_a_cliff_beside_the_minimum_does_not_matter(optimiser):
 
 
 def test_de_needs_no_second_dimension():
-    result = minimise(
-        DE(),
-        lambda x: (x[..., 0] - 1) ** 2,
-        [-3],
-        [3],
-        range(3),
-        iterations=60,
-    )
+    result = minimise(DE(), lambda x: (x[..., 0] - 1) ** 2, [-3], [3], range(3), iterations=60)
     np.testing.assert_allclose(result.position, 1, atol=1e-5)
 
 
 def test_cmaes_needs_a_second_dimension():
     with pytest.raises(InvalidInput, match=r"^dimensions is 1: expected at least 2"):
-        minimise(
-            CMAES(),
-            lambda x: x[..., 0],
-            [0],
-            [1],
-            [0],
-        )
+        minimise(CMAES(), lambda x: x[..., 0], [0], [1], [0])
 
 
 class Forgetful(Random):
@@ -165,12 +141,7 @@ def test_cmaes_is_the_librarys_own():
 
 
 @pytest.mark.parametrize(
-    ("growth", "sizes"),
-    [
-        (1, [5] * 13),
-        (2, [5, 10, 20, 40]),
-        (3, [5, 15, 45]),
-    ],
+    ("growth", "sizes"), [(1, [5] * 13), (2, [5, 10, 20, 40]), (3, [5, 15, 45])]
 )
 def test_every_restart_of_cmaes_grows(monkeypatch, growth, sizes):
     """Descents of one generation each, and candidates for 13 of the first."""
@@ -253,20 +224,8 @@ def test_a_budget_of_evaluations_is_spent_exactly(optimiser, budget):
     "optimiser", [*BOTH, *SMALL, *(DE(6, strategy=name) for name in STRATEGIES)]
 )
 def test_every_candidate_is_in_its_runs_own_box(optimiser):
-    low = np.array(
-        [
-            [0, 0, 0],
-            [-3, 1e-3, 5],
-            [1, 1, 1.0],
-        ]
-    )
-    high = low + np.array(
-        [
-            [4, 4, 4],
-            [1, 1e-2, 1e3],
-            [1e-6, 1, 1e6],
-        ]
-    )
+    low = np.array([[0, 0, 0], [-3, 1e-3, 5], [1, 1, 1.0]])
+    high = low + np.array([[4, 4, 4], [1, 1e-2, 1e3], [1e-6, 1, 1e6]])
     objective = Recorded(lambda x: ((x - low[:, None]) / (high - low)[:, None]).sum(-1))
     minimise(optimiser, objective, low, high, range(3), iterations=40)
     x = np.concatenate(objective.x, axis=1)
@@ -277,22 +236,11 @@ def test_every_candidate_is_in_its_runs_own_box(optimiser):
 
 @pytest.mark.parametrize("optimiser", [*BOTH, *SMALL])
 @pytest.mark.parametrize(
-    "values",
-    [
-        [np.nan],
-        [np.inf],
-        [-np.inf],
-        [0.0],
-        [np.nan, np.inf, -np.inf, 1e300, 1.0],
-    ],
+    "values", [[np.nan], [np.inf], [-np.inf], [0.0], [np.nan, np.inf, -np.inf, 1e300, 1.0]]
 )
 def test_any_fitness_is_survived(optimiser, values):
     random = np.random.default_rng(0)
-    search = optimiser.search(
-        Box.of(LOW, HIGH, 1),
-        Streams([0]),
-        12,
-    )
+    search = optimiser.search(Box.of(LOW, HIGH, 1), Streams([0]), 12)
     x = next(search)
     for _ in range(12):
         assert x.shape == (1, optimiser.population, 3)
@@ -302,22 +250,12 @@ def test_any_fitness_is_survived(optimiser, values):
 
 @pytest.mark.parametrize("optimiser", BOTH)
 def test_missing_values_among_others_do_not_mislead(optimiser):
-    search = optimiser.search(
-        Box.of(LOW, HIGH, 1),
-        Streams([0]),
-        150,
-    )
+    search = optimiser.search(Box.of(LOW, HIGH, 1), Streams([0]), 150)
     best = np.inf
     x = next(search)
     for _ in range(150):
         best = min(best, sphere(x).min())
-        x = search.send(
-            np.where(
-                x[..., 0] < CENTRE[0],
-                np.nan,
-                sphere(x),
-            )
-        )
+        x = search.send(np.where(x[..., 0] < CENTRE[0], np.nan, sphere(x)))
     assert best < 1e-6
 
 

@@ -9,13 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from baselines.ipopt import (
-    flat,
-    no_start_succeeded,
-    optima_together,
-    program,
-    unflat,
-)
+from baselines.ipopt import flat, no_start_succeeded, optima_together, program, unflat
 
 
 def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
@@ -32,23 +26,14 @@ def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
         options=options,
     )
     everywhere = (np.full(2, -np.inf), np.full(2, np.inf))
-    run = solver(
-        np.ones(2),
-        np.array([3.0, 4.0, 2.0]),
-        everywhere,
-        (0.0, 0.0),
-    )
+    run = solver(np.ones(2), np.array([3.0, 4.0, 2.0]), everywhere, (0.0, 0.0))
     return run.success, run.x
 
 
 def test_a_program_with_a_closed_form() -> None:
     success, x = nearest_point_of_a_circle(tol=1e-10)
     assert success
-    np.testing.assert_allclose(
-        x,
-        [2 * 3 / 5, 2 * 4 / 5],
-        rtol=1e-9,
-    )
+    np.testing.assert_allclose(x, [2 * 3 / 5, 2 * 4 / 5], rtol=1e-9)
 
 
 def test_a_run_without_success_says_so() -> None:
@@ -57,18 +42,11 @@ def test_a_run_without_success_says_so() -> None:
 
 
 def test_flat_is_the_order_of_casadi_and_unflat_leads_back() -> None:
-    tables = [
-        np.arange(6.0).reshape(2, 3),
-        np.array([7.0, 8.0]),
-    ]
+    tables = [np.arange(6.0).reshape(2, 3), np.array([7.0, 8.0])]
     vector = flat(*tables)
     casadi = ca.vertcat(*(ca.vec(ca.DM(table)) for table in tables))
     np.testing.assert_array_equal(vector, np.asarray(casadi).ravel())
-    for table, back in zip(
-        tables,
-        unflat(vector, [(2, 3), (2,)]),
-        strict=True,
-    ):
+    for table, back in zip(tables, unflat(vector, [(2, 3), (2,)]), strict=True):
         np.testing.assert_array_equal(back, table)
 
 

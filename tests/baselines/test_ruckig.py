@@ -24,11 +24,7 @@ def random_problem(seed: int, *, jerk: bool = False, asymmetric: bool = True) ->
     joints = int(rng.integers(1, 8))
     segments = int(rng.integers(2, 8))
     steps = rng.normal(size=(segments, joints))
-    steps *= 10.0 ** rng.uniform(
-        -1.5,
-        0.3,
-        joints,
-    )
+    steps *= 10.0 ** rng.uniform(-1.5, 0.3, joints)
     steps[rng.random(steps.shape) < 0.15] = 0
     steps[rng.integers(segments)] *= 1e-5 if rng.random() < 0.3 else 1
     steps[:, -1] *= joints == 1 or rng.random() > 0.3
@@ -46,11 +42,7 @@ def random_problem(seed: int, *, jerk: bool = False, asymmetric: bool = True) ->
     rate = None
     if jerk:
         largest = np.abs(acceleration).max(axis=1)
-        rate = largest * 10.0 ** rng.uniform(
-            0,
-            1,
-            joints,
-        )
+        rate = largest * 10.0 ** rng.uniform(0, 1, joints)
     start = np.zeros_like(steps[:1])
     waypoints = np.cumsum(np.vstack([start, steps]), axis=0)
     return Problem(waypoints, Limits(velocity, acceleration, rate))
@@ -104,14 +96,7 @@ def test_proportional_motion_comes_close_to_the_bang_bang_time():
 
 
 def test_a_reversal_finds_the_optimum_in_closed_form():
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [0.0],
-        ],
-        Limits([100.0], [2.0]),
-    )
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([100.0], [2.0]))
     optimum = 2 * 2 * np.sqrt(0.5)
     assert duration(problem, SHORT) == pytest.approx(optimum, rel=1e-9)
 
@@ -137,14 +122,7 @@ def test_position_limits_are_kept_where_ruckig_ignores_them():
 
 @pytest.mark.parametrize("side", [9.0, np.inf])
 def test_asymmetric_jerk_counts_at_its_tighter_side_and_says_so(side):
-    problem = Problem(
-        [[0.0], [1.0]],
-        Limits(
-            [1.0],
-            [2.0],
-            [[-5.0, side]],
-        ),
-    )
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [2.0], [[-5.0, side]]))
     solution = RuckigStop().solve(problem)
     symmetric = Limits([1.0], [2.0], [5.0])
     expected = stop_times(Problem(problem.waypoints, symmetric)).sum()
@@ -155,12 +133,7 @@ def test_asymmetric_jerk_counts_at_its_tighter_side_and_says_so(side):
 
 def test_a_jerk_limit_on_one_joint_only():
     problem = Problem(
-        [
-            [0.0, 0.0],
-            [1.0, 1.0],
-            [1.5, 3.0],
-        ],
-        Limits([2.0, 2.0], [3.0, 3.0], [10.0, np.inf]),
+        [[0.0, 0.0], [1.0, 1.0], [1.5, 3.0]], Limits([2.0, 2.0], [3.0, 3.0], [10.0, np.inf])
     )
     stop = duration(problem, RuckigStop())
     assert stop == pytest.approx(stop_times(problem).sum(), rel=1e-12)
@@ -169,13 +142,7 @@ def test_a_jerk_limit_on_one_joint_only():
 
 def test_resting_joints_and_repeated_waypoints():
     problem = Problem(
-        [
-            [0.0, 7.0],
-            [1.0, 7.0],
-            [1.0, 7.0],
-            [3.0, 7.0],
-        ],
-        Limits([1.0, 1.0], [1.0, 1.0]),
+        [[0.0, 7.0], [1.0, 7.0], [1.0, 7.0], [3.0, 7.0]], Limits([1.0, 1.0], [1.0, 1.0])
     )
     trajectory = RuckigVia(evaluations=1500).solve(problem).trajectory
     assert verify(problem, trajectory).feasible
@@ -187,43 +154,17 @@ def test_a_section_between_moving_states():
     # Over 1 rad from 0.5 to 0.25 rad/s at ±2 rad/s² to a peak p: (2p² − 0.25 − 0.0625)/4 = 1.
     peak = np.sqrt((4 + 0.3125) / 2)
     limits = Limits([3.0, 3.0], [2.0, 2.0])
-    start = (
-        np.zeros(2),
-        np.array([0.5, 0.0]),
-        np.zeros(2),
-    )
-    end = (
-        np.array([1.0, 0.1]),
-        np.array([0.25, 0.0]),
-        np.zeros(2),
-    )
+    start = (np.zeros(2), np.array([0.5, 0.0]), np.zeros(2))
+    end = (np.array([1.0, 0.1]), np.array([0.25, 0.0]), np.zeros(2))
     together, alone = section(limits, start, end)
-    assert alone == pytest.approx(
-        [
-            (2 * peak - 0.75) / 2,
-            2 * np.sqrt(0.05),
-        ],
-        rel=1e-12,
-    )
+    assert alone == pytest.approx([(2 * peak - 0.75) / 2, 2 * np.sqrt(0.05)], rel=1e-12)
     assert together == pytest.approx(alone[0], rel=1e-12)
 
 
 def test_a_section_that_starts_too_fast_is_refused():
-    start = (
-        np.array([0.0]),
-        np.array([2.0]),
-        np.zeros(1),
-    )
-    end = (
-        np.ones(1),
-        np.zeros(1),
-        np.zeros(1),
-    )
-    together, _ = section(
-        Limits([1.0], [2.0]),
-        start,
-        end,
-    )
+    start = (np.array([0.0]), np.array([2.0]), np.zeros(1))
+    end = (np.ones(1), np.zeros(1), np.zeros(1))
+    together, _ = section(Limits([1.0], [2.0]), start, end)
     assert together == np.inf
 
 
@@ -248,32 +189,14 @@ def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch, planner)
 def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
     # Ruckig 0.19.4 crashes on these states. `moving` makes them a section of a problem.
     velocity = [[-0.06074806613589745, 0.1103667172217071], [-1.0, 1.0]]
-    limits = Limits(
-        velocity,
-        [5.739923928191976, 1.0],
-        [25.17007747222217, 1.0],
-    )
+    limits = Limits(velocity, [5.739923928191976, 1.0], [25.17007747222217, 1.0])
     q = np.array([-1.9146983370118453, 0.0])
     v = np.array([0.010124677679191563, 0.0])
     a = np.array([0.9566539870753419, 0.0])
     moving = np.array([0.0, 0.01])
-    sections = Sections(
-        Problem(
-            [
-                q - moving,
-                q + moving,
-                q,
-            ],
-            limits,
-        )
-    )
+    sections = Sections(Problem([q - moving, q + moving, q], limits))
     sections.waypoints = np.array([q, q])
-    at_ends = np.array(
-        [
-            [-v, v],
-            [a, a],
-        ]
-    )[:, :, None]
+    at_ends = np.array([[-v, v], [a, a]])[:, :, None]
     minima = sections.minima(np.zeros(1, int), at_ends)
     assert np.isfinite(minima).all()
 
@@ -321,14 +244,7 @@ def in_units(problem: Problem, length: float, time: float) -> Problem:
     return Problem(problem.waypoints * length, limits)
 
 
-@pytest.mark.parametrize(
-    ("length", "time"),
-    [
-        (1.0, 1.0),
-        (np.pi / 180, 1.0),
-        (1.0, 1e3),
-    ],
-)
+@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (np.pi / 180, 1.0), (1.0, 1e3)])
 def test_a_published_case_of_stiff_jerk_is_solved_in_any_unit(length: float, time: float) -> None:
     problem = in_units(Problem(STIFF_WAYPOINTS, STIFF_LIMITS), length, time)
     stopping = duration(problem, RuckigStop())
@@ -342,17 +258,9 @@ def test_stiff_jerk_is_solved_whatever_the_unit_of_time(seed: int, stiffness: fl
     """Jerk over acceleration, 1/s, in seconds and in milliseconds."""
     problem = random_problem(seed, asymmetric=False)
     own = problem.limits
-    stiff = Limits(
-        own.velocity,
-        own.acceleration,
-        stiffness * own.acceleration,
-    )
+    stiff = Limits(own.velocity, own.acceleration, stiffness * own.acceleration)
     for time in (1.0, 1e-3, 1e3):
-        moved = in_units(
-            Problem(problem.waypoints, stiff),
-            1.0,
-            time,
-        )
+        moved = in_units(Problem(problem.waypoints, stiff), 1.0, time)
         answer = RuckigStop().solve(moved).trajectory
         certified = verify(moved, answer).certified_duration
         # a phase takes 5e-8 of its segment, whose breaks round to 2e-16 and are one within 4e-15
@@ -362,28 +270,11 @@ def test_stiff_jerk_is_solved_whatever_the_unit_of_time(seed: int, stiffness: fl
 @pytest.mark.parametrize("planner", [RuckigStop(), RuckigVia(evaluations=300)])
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
-    ("length", "time"),
-    [
-        (180 / np.pi, 1.0),
-        (2.0**-30, 2.0**-20),
-        (1e-3, 1e3),
-        (1e3, 1.0),
-    ],
+    ("length", "time"), [(180 / np.pi, 1.0), (2.0**-30, 2.0**-20), (1e-3, 1e3), (1e3, 1.0)]
 )
-def test_other_units_change_nothing(
-    seed: int,
-    length: float,
-    time: float,
-    planner,
-) -> None:
+def test_other_units_change_nothing(seed: int, length: float, time: float, planner) -> None:
     problem = random_problem(seed, jerk=True, asymmetric=False)
-    moved = planner.solve(
-        in_units(
-            problem,
-            length,
-            time,
-        )
-    ).trajectory
+    moved = planner.solve(in_units(problem, length, time)).trajectory
     original = planner.solve(problem).trajectory
     assert moved.duration == pytest.approx(original.duration * time, rel=1e-9)
     atol = 1e-7 * np.ptp(problem.waypoints)

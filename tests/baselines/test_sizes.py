@@ -17,11 +17,7 @@ class Begun(Exception):
 
 def walk(waypoints: int, joints: int, jerk_limit: float = np.inf) -> Problem:
     steps = np.random.default_rng(0).uniform(-1, 1, (waypoints, joints))
-    limits = Limits(
-        np.ones(joints),
-        np.full(joints, 2.0),
-        np.full(joints, jerk_limit),
-    )
+    limits = Limits(np.ones(joints), np.full(joints, 2.0), np.full(joints, jerk_limit))
     return Problem(np.cumsum(steps, axis=0), limits)
 
 

@@ -44,11 +44,7 @@ def test_the_353_is_a_case_of_it(name: str) -> None:
 @pytest.mark.parametrize("h", [0.01, 1.0, 30.0])
 def test_one_quintic_from_rest_to_rest(h: float) -> None:
     """Peaks 15/8 h/T, 10/√3 h/T² and 60 h/T³ of 10 s³ − 15 s⁴ + 6 s⁵."""
-    times = [
-        15 / 8 * h / 2,
-        np.sqrt(10 / np.sqrt(3) * h / 3),
-        np.cbrt(60 * h / 20),
-    ]
+    times = [15 / 8 * h / 2, np.sqrt(10 / np.sqrt(3) * h / 3), np.cbrt(60 * h / 20)]
     assert best(Spline(starts=1), straight(h, 20.0)).duration == pytest.approx(max(times), rel=1e-9)
 
 
@@ -106,11 +102,7 @@ def test_what_does_not_fit_is_refused() -> None:
 def test_a_joint_on_its_position_limit_stands_still_there() -> None:
     waypoints = [[0.0, 0.0], [1.0, 1.0], [0.5, 2.0]]
     free = Problem(waypoints, Limits([9.0] * 2, [1.0] * 2))
-    walled = Limits(
-        [9.0] * 2,
-        [1.0] * 2,
-        position=[[-1.0, 1.0], [-9.0, np.inf]],
-    )
+    walled = Limits([9.0] * 2, [1.0] * 2, position=[[-1.0, 1.0], [-9.0, np.inf]])
     kept = best(Spline(starts=2), Problem(waypoints, walled))
     assert kept(kept.waypoint_times[1], 1)[0] == pytest.approx(0, abs=1e-9)
     assert best(Spline(starts=2), free).duration < kept.duration * (1 - 1e-3)
@@ -123,11 +115,7 @@ def test_cubics_that_turn_on_a_limit_have_the_times_that_continuity_asks_for() -
     # −6 h₁/T₁² = 6 h₂/T₂²
     problem = Problem(
         [[0.0, 0.0], [1.0, 0.5], [0.3, 0.8]],
-        Limits(
-            [9.0] * 2,
-            [1.0] * 2,
-            position=[[-5.0, 1.0], [-5.0, 5.0]],
-        ),
+        Limits([9.0] * 2, [1.0] * 2, position=[[-5.0, 1.0], [-5.0, 5.0]]),
     )
     solution = Spline(degree=3, starts=1).solve(problem)
     first, second = solution.stats["piece_times"]
@@ -135,11 +123,7 @@ def test_cubics_that_turn_on_a_limit_have_the_times_that_continuity_asks_for() -
 
 
 def test_cubics_that_cannot_turn_on_a_limit_fail_where_quintics_do_not() -> None:
-    limits = Limits(
-        [9.0] * 2,
-        [1.0] * 2,
-        position=[[-5.0, 1.0], [-5.0, 0.5]],
-    )
+    limits = Limits([9.0] * 2, [1.0] * 2, position=[[-5.0, 1.0], [-5.0, 0.5]])
     problem = Problem([[0.0, 0.0], [1.0, 0.5], [0.3, 0.2]], limits)
     solution = Spline(degree=3, starts=1).solve(problem)
     assert solution.trajectory is None

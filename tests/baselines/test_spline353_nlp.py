@@ -99,11 +99,7 @@ def walled_problem(seed: int) -> Problem:
     """Walls at up to a tenth of the way around the waypoints of a random problem."""
     free = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
     rng = np.random.default_rng(seed)
-    margin = rng.uniform(
-        0.02,
-        0.1,
-        (2, free.joints),
-    ) * np.ptp(free.waypoints, axis=0)
+    margin = rng.uniform(0.02, 0.1, (2, free.joints)) * np.ptp(free.waypoints, axis=0)
     low = free.waypoints.min(axis=0) - margin[0]
     high = free.waypoints.max(axis=0) + margin[1]
     limits = free.limits.by_name() | {"position": np.stack([low, high], axis=1)}
@@ -147,17 +143,7 @@ def test_a_waypoint_a_hair_from_its_limit_is_still_passed() -> None:
 
 def test_a_limit_passed_at_speed_is_infeasible_and_says_why() -> None:
     limits = Limits([2.0], [5.0], position=[[0.0, 1.0]])
-    solution = Spline353NLP().solve(
-        Problem(
-            [
-                [0.2],
-                [1.0],
-                [0.5],
-                [0.0],
-            ],
-            limits,
-        )
-    )
+    solution = Spline353NLP().solve(Problem([[0.2], [1.0], [0.5], [0.0]], limits))
     assert solution.status is Status.INFEASIBLE
     assert solution.trajectory is None
     assert "joint 1 is at its limit at waypoint 2 and would pass it at speed" in solution.message

@@ -43,8 +43,7 @@ def certified(spec: str, problem: Problem) -> float:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_where_it_is_not_installed_the_extra_is_named(
-    name: str,
-    monkeypatch: pytest.MonkeyPatch,
+    name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     own = entries()[name].load()
@@ -61,11 +60,7 @@ def test_everybody_gets_twelve_tries_and_the_authors_own_is_first(name: str) -> 
     for tries in (0, 13):
         with pytest.raises(InvalidInput, match="from 1 to 12"):
             planner(f"{name}:tries={tries}")
-    waypoints = [
-        [0.0, 0.0],
-        [0.6, 0.1],
-        [1.0, 0.5],
-    ]
+    waypoints = [[0.0, 0.0], [0.6, 0.1], [1.0, 0.5]]
     problem = Problem(waypoints, Limits([1.0, 1.0], [2.0, 2.0]))
     first = installed(f"{name}:tries=1").solve(problem)
     assert first.stats["spline"] == "/".join(map(str, rival.settings[0]))
@@ -88,21 +83,13 @@ def test_least_jerk_between_two_points_is_the_quintic() -> None:
 def test_minsnap_optimises_the_ratios_of_its_times() -> None:
     """Mirrored waypoints: from uneven times back to even ones."""
     installed("minsnap")
-    waypoints = [
-        [0.0, 0.0],
-        [1.0, 0.9],
-        [2.0, 0.0],
-    ]
+    waypoints = [[0.0, 0.0], [1.0, 0.9], [2.0, 0.0]]
     problem = Problem(waypoints, Limits([1.0, 1.0], [2.0, 2.0]))
 
     def at(durations: np.ndarray) -> Trajectory:
         return spline(problem, durations, 3, 5, backend("minsnap_trajectories"))
 
-    durations = optimised(
-        problem,
-        np.array([1.0, 2.0]),
-        at,
-    )
+    durations = optimised(problem, np.array([1.0, 2.0]), at)
     assert durations[0] == pytest.approx(durations[1], rel=1e-2)
 
 
@@ -119,11 +106,7 @@ def test_copps_own_path_passes_the_waypoints() -> None:
     solution = installed("copp:tries=1").solve(problem)
     assert solution.trajectory is not None
     at = solution.trajectory.waypoint_times
-    np.testing.assert_allclose(
-        solution.trajectory(at),
-        problem.waypoints,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(solution.trajectory(at), problem.waypoints, atol=1e-12)
 
 
 def test_copp_and_kto_keep_jerk_limits_by_themselves() -> None:
@@ -156,10 +139,6 @@ def test_totg_runs_its_own_motion_through_the_waypoints() -> None:
     solution = installed("totg:tries=1").solve(problem)
     motion = solution.trajectory
     assert motion is not None
-    np.testing.assert_allclose(
-        motion(motion.waypoint_times),
-        problem.waypoints,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(motion(motion.waypoint_times), problem.waypoints, atol=1e-12)
     assert motion.duration == pytest.approx(solution.stats["own duration"], rel=1e-2)
     assert verify(problem, motion).dilation < 1.1

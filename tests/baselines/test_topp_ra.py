@@ -35,20 +35,8 @@ def candidates(solution):
 def bang_bang(shares=(0.0, 1.0)):
     """Joints in proportion, ±2 and ±4 rad/s²: the exact optimum, 0.5 s² · 2 rad/s² each way."""
     half = np.sqrt(0.5)
-    breaks = np.array(
-        [
-            0.0,
-            half,
-            2 * half,
-        ]
-    )
-    one = np.array(
-        [
-            [1.0, -1.0],
-            [0.0, 2 * half],
-            [0.0, 0.5],
-        ]
-    )
+    breaks = np.array([0.0, half, 2 * half])
+    one = np.array([[1.0, -1.0], [0.0, 2 * half], [0.0, 0.5]])
     waypoints = np.outer(shares, [1.0, -2.0])
     problem = Problem(waypoints, Limits([100.0, 100.0], [2.0, 4.0]))
     times = []
@@ -102,26 +90,12 @@ def test_the_answer_is_the_path_at_the_parameter(ends, monkeypatch):
     for order in (0, 1):
         expected = reference(t, order)
         atol = 1e-9 * np.abs(expected).max()
-        np.testing.assert_allclose(
-            answer(t, order),
-            expected,
-            atol=atol,
-        )
-    np.testing.assert_allclose(
-        answer(answer.waypoint_times),
-        problem.waypoints,
-        atol=1e-10,
-    )
+        np.testing.assert_allclose(answer(t, order), expected, atol=atol)
+    np.testing.assert_allclose(answer(answer.waypoint_times), problem.waypoints, atol=1e-10)
 
 
 def test_a_line_takes_the_trapezoid():
-    problem = Problem(
-        [
-            [0.0, 0.0],
-            [3.0, -1.5],
-        ],
-        Limits([1.0, 1.0], [1.0, 1.0]),
-    )
+    problem = Problem([[0.0, 0.0], [3.0, -1.5]], Limits([1.0, 1.0], [1.0, 1.0]))
     for ends in ("not-a-knot", "natural"):
         solution = ToppRa(ends=ends).solve(problem)
         assert certified(problem, solution) == pytest.approx(4.0, rel=1e-4)
@@ -153,15 +127,7 @@ def test_limits_relaxed_by_a_millionth_give_half_a_millionth():
 
 
 def test_waypoints_between_are_passed_in_the_retimed_trajectory():
-    problem, exact = bang_bang(
-        (
-            0.0,
-            0.1,
-            0.5,
-            0.8,
-            1.0,
-        )
-    )
+    problem, exact = bang_bang((0.0, 0.1, 0.5, 0.8, 1.0))
     slow = exact.dilated(3.0)
     solution = along(problem, slow)
     assert certified(problem, solution) == pytest.approx(exact.duration, rel=1e-6)
@@ -173,23 +139,9 @@ def test_waypoints_between_are_passed_in_the_retimed_trajectory():
 def test_no_slower_than_a_path_s_own_timing(seed):
     rng = np.random.default_rng(seed)
     joints = int(rng.integers(1, 7))
-    limits = Limits(
-        *10
-        ** rng.uniform(
-            -1,
-            1,
-            (2, joints),
-        )
-    )
+    limits = Limits(*10 ** rng.uniform(-1, 1, (2, joints)))
     problem = Problem(rng.normal(size=(4, joints)), limits)
-    own = spline353.trajectory(
-        problem,
-        rng.uniform(
-            0.3,
-            2,
-            3,
-        ),
-    )
+    own = spline353.trajectory(problem, rng.uniform(0.3, 2, 3))
     own = own.dilated(verify(problem, own).dilation)
     solution = along(problem, own, gridpoints=400)
     assert certified(problem, solution) <= own.duration * 1.001
@@ -217,37 +169,18 @@ def test_resting_joints_and_repeated_waypoints():
 
 
 def test_position_limits_choose_among_the_paths():
-    waypoints = [
-        [0.0, 0.0],
-        [1.0, 1.0],
-        [1.2, 3.0],
-        [1.0, 4.0],
-    ]
+    waypoints = [[0.0, 0.0], [1.0, 1.0], [1.2, 3.0], [1.0, 4.0]]
     free = Problem(waypoints, Limits([2.0, 2.0], [5.0, 5.0]))
     planner = ToppRa(gridpoints=100)
     # the highest position of each spline's first joint, on a dense grid
     highest = {}
     for rule in candidates(planner.solve(free)):
         path = spline(free, *rule.split("/"))
-        positions = path(
-            np.linspace(
-                0,
-                path.duration,
-                10001,
-            )
-        )
+        positions = path(np.linspace(0, path.duration, 10001))
         highest[rule] = positions[:, 0].max()
     middle = float(np.median(list(highest.values())))
     bounds = [[-1.0, middle], [-1.0, 5.0]]
-    tight = Problem(
-        waypoints,
-        Limits(
-            [2.0, 2.0],
-            [5.0, 5.0],
-            None,
-            bounds,
-        ),
-    )
+    tight = Problem(waypoints, Limits([2.0, 2.0], [5.0, 5.0], None, bounds))
     solution = planner.solve(tight)
     certified(tight, solution)
     results = candidates(solution)

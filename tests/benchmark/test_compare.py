@@ -29,11 +29,7 @@ from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
-PROBLEM = Problem(
-    [[0.0], [0.4], [1.0], [1.5]],
-    Limits([1.0], [2.0]),
-    "one joint",
-)
+PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
 FAST = [("exact", load("exact:starts=1"))]
 
 
@@ -105,14 +101,7 @@ class Mine(Planner):
             case "nothing":
                 return Solution(Status.SOLVED)
             case "joints":
-                return Solution(
-                    Status.SOLVED,
-                    Trajectory(
-                        [0, 1],
-                        np.ones((1, 1, 2)),
-                        [0, 1],
-                    ),
-                )
+                return Solution(Status.SOLVED, Trajectory([0, 1], np.ones((1, 1, 2)), [0, 1]))
             case "astray":
                 return solution(problem, waypoints=[[0], [1], [2], [9]])
             case "missing":

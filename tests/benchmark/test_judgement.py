@@ -89,12 +89,7 @@ def samples(text: str = "0 0 0; 1 0.5 1; 2 1 0", names: tuple[str, ...] = ("a",)
     """Times, positions and velocities; by default the optimum of 1 rad under 1 rad/s², 2 s."""
     table = np.array(rows(text))
     joints = len(names)
-    return Samples(
-        names,
-        table[:, 0],
-        table[:, 1 : joints + 1],
-        table[:, joints + 1 :],
-    )
+    return Samples(names, table[:, 0], table[:, 1 : joints + 1], table[:, joints + 1 :])
 
 
 FAST = "0 0 0; 0.5 0.5 2; 1 1 0"  # the optimum in half its time

@@ -167,11 +167,7 @@ def test_of_a_checkout_only_what_can_change_a_trial_counts():
         "baselines/topp_ra.py",
     ]
     assert all(map(provenance._decides, names))
-    names = [
-        "trajopt/cli/app.py",
-        "trajopt/views/report/content.py",
-        "trajopt/comparison.py",
-    ]
+    names = ["trajopt/cli/app.py", "trajopt/views/report/content.py", "trajopt/comparison.py"]
     assert not any(map(provenance._decides, names))
 
 
@@ -358,10 +354,7 @@ class Listing(Plain):
 @pytest.mark.parametrize(
     ("planner", "words"),
     [
-        (
-            Plain(2.0),
-            "options are no fields.*@dataclass.frozen=True.*class Plain.Planner.*gain",
-        ),
+        (Plain(2.0), "options are no fields.*@dataclass.frozen=True.*class Plain.Planner.*gain"),
         (Thawed(), "planner Thawed: its options can change while it runs: expected a frozen"),
         (Behind(), "planner Behind: table cannot be seen"),
         (Undecorated(3), "planner Undecorated: gain cannot be seen"),

@@ -13,37 +13,14 @@ from trajopt.benchmark.trial import judge
 def test_a_certified_history_is_the_claimed_one_dilated_as_the_answer_was():
     """The largest step is 1.2 rad in 0.5 s: its peaks 15/8 h/T and 10/√3 h/T² give the dilation."""
     trial = solved()
-    speeds = (
-        15
-        / 8
-        * np.array(
-            [
-                1.0 / 1.0,
-                0.6 / 1.0,
-                0.5 / 1.5,
-                0.3 / 1.5,
-            ]
-        )
-        / 0.5
-    )
+    speeds = 15 / 8 * np.array([1.0 / 1.0, 0.6 / 1.0, 0.5 / 1.5, 0.3 / 1.5]) / 0.5
     peak = 10 / np.sqrt(3) / 0.5**2
-    accelerations = peak * np.array(
-        [
-            1.0 / 2.0,
-            0.6 / 2.0,
-            0.5 / 3.0,
-            0.3 / 3.0,
-        ]
-    )
+    accelerations = peak * np.array([1.0 / 2.0, 0.6 / 2.0, 0.5 / 3.0, 0.3 / 3.0])
     dilation = max(speeds.max(), np.sqrt(accelerations.max()))
     assert dilation > 2
     evaluations, duration = trial.certified_history.T
     assert evaluations.tolist() == [1, 4, 7, 7]
-    np.testing.assert_allclose(
-        duration,
-        dilation * np.array([np.nan, 2.25, 1.5, 1.5]),
-        rtol=1e-12,
-    )
+    np.testing.assert_allclose(duration, dilation * np.array([np.nan, 2.25, 1.5, 1.5]), rtol=1e-12)
     assert duration[-1] == pytest.approx(trial.certified_duration, rel=1e-15)
 
 
@@ -99,15 +76,7 @@ def test_importing_what_a_planner_requires_is_no_part_of_solving(tmp_path, monke
 
             return super().solve(problem, seed=seed)
 
-    first, second = (
-        judge(
-            Requiring(),
-            PROBLEM,
-            [0],
-            "requiring",
-        )[0]
-        for _ in range(2)
-    )
+    first, second = (judge(Requiring(), PROBLEM, [0], "requiring")[0] for _ in range(2))
     assert first.setup_time >= 0.5
     assert first.solve_time < 0.5
     assert second.setup_time < 0.5

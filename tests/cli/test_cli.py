@@ -186,15 +186,7 @@ def test_python_m_is_the_same_door():
 
 def test_joints_count_from_one(trajopt, tmp_path):
     """Joint 2 goes ten times as far."""
-    problem = Problem(
-        [
-            [0, 0],
-            [0.1, 1],
-            [0.2, 2],
-            [0.3, 3],
-        ],
-        Limits([1, 1], [1, 1]),
-    )
+    problem = Problem([[0, 0], [0.1, 1], [0.2, 2], [0.3, 3]], Limits([1, 1], [1, 1]))
     (tmp_path / "p.toml").write_text(problem.to_toml(), encoding="utf-8")
     arguments = ("plan", tmp_path / "p.toml", "--planner unoptimised:segment_time=0.5")
     worst = parsed(trajopt(*arguments, "--json")[1])["certificate"]
@@ -209,11 +201,7 @@ def test_waypoint_times_are_of_the_certified_trajectory(trajopt):
     k = found["certificate"]["dilation"]
     assert k > 2
     assert found["certified_duration"] == pytest.approx(0.3 * k)
-    np.testing.assert_allclose(
-        found["waypoint_times"],
-        np.arange(4) * 0.1 * k,
-        rtol=1e-12,
-    )
+    np.testing.assert_allclose(found["waypoint_times"], np.arange(4) * 0.1 * k, rtol=1e-12)
 
 
 @pytest.mark.parametrize("planner", ["exact", "unoptimised", "ruckig-stop", "toppra"])
@@ -549,13 +537,7 @@ def test_of_many_kinds_of_failure_three_are_said(monkeypatch):
         "count": [9, 8, 7, 6, 5],
         "worst": [2.06] + [np.nan] * 4,
     }
-    frame = pd.DataFrame(
-        {
-            "label": "p:x=1",
-            **rows,
-            "unit": ["rad", *[""] * 4],
-        }
-    ).set_index("label")
+    frame = pd.DataFrame({"label": "p:x=1", **rows, "unit": ["rad", *[""] * 4]}).set_index("label")
     monkeypatch.setattr(suite_table, "failures", lambda results: frame)
     (sentence,) = suite_table._why_failed(None)
     assert sentence == "p:x=1: 35 failed: 9 a, worst 2.06 rad; 8 b; 7 c; 11 in other ways"

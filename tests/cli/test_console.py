@@ -66,13 +66,7 @@ def check_list(code, out, err, encoding, dash):
 
 
 @pytest.mark.parametrize(
-    ("encoding", "dash"),
-    [
-        ("ascii", "-"),
-        ("latin-1", "-"),
-        ("cp437", "-"),
-        ("utf-8", "–"),
-    ],
+    ("encoding", "dash"), [("ascii", "-"), ("latin-1", "-"), ("cp437", "-"), ("utf-8", "–")]
 )
 def test_what_an_encoding_cannot_hold_is_written_in_ascii(written, encoding, dash):
     check_list(*written("suite", "list", encoding=encoding), encoding, dash)
@@ -132,13 +126,7 @@ sys.exit(codes[-1])
 
 
 @pytest.mark.parametrize("turn", range(2))
-@pytest.mark.parametrize(
-    ("closed", "descriptors"),
-    [
-        (">&-", [1]),
-        (">&- 2>&- <&-", [0, 1, 2]),
-    ],
-)
+@pytest.mark.parametrize(("closed", "descriptors"), [(">&-", [1]), (">&- 2>&- <&-", [0, 1, 2])])
 def test_closed_streams_keep_the_exit_code(closed, descriptors, turn, tmp_path):
     """Two processes for each way of closing, so that each begins and ends with other commands."""
     commands = COMMANDS if turn == 0 else COMMANDS[::-1]

@@ -132,12 +132,7 @@ def fr3_motion(tmp_path, end):
     """Joint 2 of the FR3 from 0.38 rad before `end` to it in 1 s, at 1.52 rad/s² and back."""
     parabolas = np.zeros((3, 2, 7))
     parabolas[2] = ELSEWHERE
-    parabolas[:, :, 1] = np.transpose(
-        [
-            [0.76, 0, end - 0.38],
-            [-0.76, 0.76, end - 0.19],
-        ]
-    )
+    parabolas[:, :, 1] = np.transpose([[0.76, 0, end - 0.38], [-0.76, 0.76, end - 0.19]])
     motion = {"breaks": [0, 0.5, 1], "coefficients": parabolas.tolist(), "joint_names": FR3}
     (tmp_path / "m.json").write_text(json.dumps(motion))
     rows = []

@@ -181,11 +181,7 @@ def test_the_best_planner_is_the_exact_one_and_says_what_it_saves():
 
 
 def test_position_limits_that_the_relaxation_leaves_go_to_the_next_planner():
-    limits = Limits(
-        [1, 1],
-        [2, 2],
-        position=[[0, 1], [-9, 9]],
-    )
+    limits = Limits([1, 1], [2, 2], position=[[0, 1], [-9, 9]])
     problem = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], limits)
     found = best(problem, 0)
     assert found.trial.planner == "collocation-refined"

@@ -16,14 +16,7 @@ TIMES = 3.0 + np.r_[0.0, np.cumsum(10.0 ** RNG.uniform(-3, 1, 9))]
 VALUES = RNG.normal(size=(3, 10, 2))
 
 
-@pytest.mark.parametrize(
-    ("given", "kind"),
-    [
-        (1, "linear"),
-        (2, "cubic"),
-        (3, "quintic"),
-    ],
-)
+@pytest.mark.parametrize(("given", "kind"), [(1, "linear"), (2, "cubic"), (3, "quintic")])
 def test_pieces_are_the_hermite_polynomials_of_what_the_samples_have(given, kind):
     trajectory = Trajectory.from_samples(TIMES, *VALUES[:given])
     named = Trajectory.from_samples(TIMES, *VALUES, interpolation=kind)
@@ -51,11 +44,7 @@ def bang_bang(step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     inner = np.arange(0.3 * step, 2.0, step)
     t = np.r_[0.0, inner[inner < 2.0 - 1e-9], 2.0]
     rising = t <= 1
-    q = np.where(
-        rising,
-        t**2 / 2,
-        1 - (2 - t) ** 2 / 2,
-    )
+    q = np.where(rising, t**2 / 2, 1 - (2 - t) ** 2 / 2)
     v = np.where(rising, t, 2 - t)
     a = np.where(rising, 1.0, -1.0)
     return t, q[:, None], v[:, None], a[:, None]
@@ -77,11 +66,7 @@ def test_sent_at_its_breaks_a_motion_is_reproduced():
     t = np.array([0.0, 1.0, 2.0])
     limits = Limits([10.0], [1.0])
     problem = Problem([[0.0], [1.0]], limits)
-    executed = Trajectory.from_samples(
-        t,
-        [[0.0], [0.5], [1.0]],
-        [[0.0], [1.0], [0.0]],
-    )
+    executed = Trajectory.from_samples(t, [[0.0], [0.5], [1.0]], [[0.0], [1.0], [0.0]])
     found = executed.coefficients[:, :, 0].T.tolist()
     assert found == [[0, 0.5, 0, 0], [0, -0.5, 1, 0.5]]
     certificate = verify(problem, executed)
@@ -110,17 +95,9 @@ def test_positions_alone_are_run_with_jumps_of_velocity():
         (([0.0, np.nan], [[0.0], [1.0]]), "auto", "times, sample 2 is nan"),
         (([0.0, 1.0], [[0.0], [np.inf]]), "auto", "positions, sample 2, joint 1 is inf"),
         (([0, 1], [[0.0], [1.0]], [[0.0]]), "auto", "velocities is (1, 1): expected an array (2"),
-        (
-            ([0, 1], [[0.0], [1.0]], None, [[0.0]] * 2),
-            "auto",
-            "accelerations: expected velocit",
-        ),
+        (([0, 1], [[0.0], [1.0]], None, [[0.0]] * 2), "auto", "accelerations: expected velocit"),
         (([0, 1], [[0.0], [1.0]]), "cubic", "interpolation is 'cubic': expected linear or spline"),
-        (
-            ([0, 1], [[0.0], [1.0]], [[0.0]] * 2),
-            "quintic",
-            "interpolation is 'quintic'",
-        ),
+        (([0, 1], [[0.0], [1.0]], [[0.0]] * 2), "quintic", "interpolation is 'quintic'"),
         (([0, 1], [[0.0], [1.0]]), "septic", "expected one of auto, linear, cubic"),
     ],
 )

@@ -26,14 +26,7 @@ def test_decimals_are_themselves(number):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [
-        ("7", 7.0),
-        ("+.5", 0.5),
-        ("2.", 2.0),
-        ("1e3", 1000.0),
-        ("-1E-3", -0.001),
-        ("007", 7.0),
-    ],
+    [("7", 7.0), ("+.5", 0.5), ("2.", 2.0), ("1e3", 1000.0), ("-1E-3", -0.001), ("007", 7.0)],
 )
 def test_the_usual_ways_to_write_a_decimal(text, value):
     assert decimal(text) == value
@@ -48,18 +41,7 @@ def test_other_text_is_no_decimal(text):
         decimal(text)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        *OTHER,
-        "1.5",
-        "1.0",
-        "1e3",
-        "nan",
-        "True",
-        "9" * 401,
-    ],
-)
+@pytest.mark.parametrize("text", [*OTHER, "1.5", "1.0", "1e3", "nan", "True", "9" * 401])
 def test_other_text_is_no_whole_number(text):
     with pytest.raises(ValueError, match="is not a whole number"):
         whole(text)

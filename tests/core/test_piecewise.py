@@ -34,13 +34,7 @@ def test_one_joint_needs_no_axis_of_its_own():
     assert trajectory.joints == 1
     found = trajectory([0, 1, 2])[:, 0].tolist()
     assert found == [0, 1, 0]
-    found = Trajectory.from_spline(
-        BSpline(
-            [0, 0, 1, 1],
-            [2.0, 3.0],
-            1,
-        )
-    )(1).tolist()
+    found = Trajectory.from_spline(BSpline([0, 0, 1, 1], [2.0, 3.0], 1))(1).tolist()
     assert found == [3]
 
 
@@ -51,11 +45,7 @@ def test_a_b_spline_with_clamped_and_with_repeated_knots(degree):
     spline = make_interp_spline(times, RNG.normal(size=(10, 3)), k=degree)
     check_same(Trajectory.from_spline(spline), spline, 1.0, range(degree + 1), atol=1e-7)
     knots = np.r_[[0.0] * (degree + 1), 0.5, 0.5, [2.0] * (degree + 1)]
-    repeated = BSpline(
-        knots,
-        RNG.normal(size=(len(knots) - degree - 1, 2)),
-        degree,
-    )
+    repeated = BSpline(knots, RNG.normal(size=(len(knots) - degree - 1, 2)), degree)
     trajectory = Trajectory.from_spline(repeated)
     assert trajectory.breaks.tolist() == [0, 0.5, 2]
     check_same(trajectory, repeated, 0.0)
@@ -71,13 +61,7 @@ def test_a_b_spline_whose_points_lie_along_another_axis():
 
 def test_a_straight_line_timed_with_constant_acceleration_by_hand():
     """q = (s, −2 s) on [0, 4], s = t²: q = (t², −2 t²)."""
-    line = PPoly(
-        [
-            [[1.0, -2.0]],
-            [[0.0, 0.0]],
-        ],
-        [0.0, 4.0],
-    )
+    line = PPoly([[[1.0, -2.0]], [[0.0, 0.0]]], [0.0, 4.0])
     square = PPoly([[1.0], [0.0], [0.0]], [0.0, 2.0])
     trajectory = Trajectory.composed(line, square)
     assert trajectory.breaks.tolist() == [0, 2]
@@ -89,14 +73,7 @@ def test_a_composition_is_broken_where_either_is_and_exact_in_between():
     knots = [0.0, 0.7, 1.1, 2.0]
     path = CubicSpline(knots, RNG.normal(size=(4, 3)))
     # there and back: s = 2 sin-like, from 0 up to 2 at t = 1 and back to 0.5
-    parameter = PPoly(
-        [
-            [-2.0, -1.5],
-            [4.0, 0.0],
-            [0.0, 2.0],
-        ],
-        [0.0, 1.0, 2.0],
-    )
+    parameter = PPoly([[-2.0, -1.5], [4.0, 0.0], [0.0, 2.0]], [0.0, 1.0, 2.0])
     trajectory = Trajectory.composed(path, parameter)
     times = np.linspace(0, 2, 1001)
     expected = path(parameter(times))
@@ -112,18 +89,8 @@ def test_a_composition_is_broken_where_either_is_and_exact_in_between():
 
 
 def test_a_parameter_may_stand_on_a_break_and_start_and_end_there():
-    path = Trajectory(
-        [0, 1, 2],
-        [[[1.0], [3.0]], [[0.0], [1.0]]],
-        [0, 2],
-    )
-    standing = PPoly(
-        [
-            [1.0, 0.0, 1.0],
-            [0.0, 1.0, 1.0],
-        ],
-        [0.0, 1.0, 3.0, 4.0],
-    )
+    path = Trajectory([0, 1, 2], [[[1.0], [3.0]], [[0.0], [1.0]]], [0, 2])
+    standing = PPoly([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]], [0.0, 1.0, 3.0, 4.0])
     trajectory = Trajectory.composed(path, standing)
     assert trajectory.breaks.tolist() == [0, 1, 3, 4]
     found = trajectory([0.5, 2, 3.5, 4])[:, 0].tolist()

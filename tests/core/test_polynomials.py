@@ -34,14 +34,7 @@ def test_values_and_derivatives_are_numpys(seed, degree):
     many = rng.normal(size=(degree + 1, 4))
     s = rng.normal(size=4)
     for order in range(degree + 3):
-        expected = [
-            np.polyval(np.polyder(p, order), x)
-            for p, x in zip(
-                many.T,
-                s,
-                strict=True,
-            )
-        ]
+        expected = [np.polyval(np.polyder(p, order), x) for p, x in zip(many.T, s, strict=True)]
         found = polynomials.evaluate(polynomials.derivative(many, order), s)
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11 * 9.0**order)
 
@@ -147,11 +140,7 @@ def test_roots_are_numpys_on_random_polynomials(seed, degree):
         unclear |= np.minimum(np.abs(roots), np.abs(roots - 1)) < 1e-9
         if not unclear.any():
             real = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0) & (roots.real < 1)])
-            np.testing.assert_allclose(
-                np.sort(own[~np.isnan(own)]),
-                real,
-                atol=1e-9,
-            )
+            np.testing.assert_allclose(np.sort(own[~np.isnan(own)]), real, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -246,11 +235,7 @@ def test_quadratic_roots_lose_no_digits(a, b, c, roots):
 
 
 @reproducible
-@given(
-    st.integers(-50, 50),
-    st.integers(-50, 50),
-    st.integers(-50, 50),
-)
+@given(st.integers(-50, 50), st.integers(-50, 50), st.integers(-50, 50))
 def test_quadratic_roots_satisfy_vieta(a, b, c):
     found = polynomials.quadratic_roots(*(np.array([float(x)]) for x in (a, b, c)))
     if a and b * b >= 4 * a * c and (b or c):
@@ -266,26 +251,13 @@ def cubic(roots, far):
     r1 = Fraction(roots[1])
     slope = -1 / Fraction(far)
     b = 1 - slope * (r0 + r1)
-    exact = (
-        slope,
-        b,
-        slope * r0 * r1 - (r0 + r1),
-        r0 * r1,
-    )
+    exact = (slope, b, slope * r0 * r1 - (r0 + r1), r0 * r1)
     return [np.array([float(x)]) for x in exact]
 
 
 @pytest.mark.parametrize("exponent", [*range(14), 20, 100])
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize(
-    "roots",
-    [
-        (0.3, 0.7),
-        (0.01, 0.99),
-        (0.5, 0.5001),
-        (0.0, 1.0),
-    ],
-)
+@pytest.mark.parametrize("roots", [(0.3, 0.7), (0.01, 0.99), (0.5, 0.5001), (0.0, 1.0)])
 def test_cubic_roots_survive_a_third_one_far_away(roots, sign, exponent):
     far = sign * 1.7 * 10.0**exponent
     found = polynomials.cubic_roots(*cubic(roots, far))
@@ -361,11 +333,6 @@ def test_batches_keep_their_shape():
     assert polynomials.unit_roots(drawn).shape == (5, 5)
     ones = np.ones((1, 5))
     assert polynomials.unit_roots(ones).shape == (0, 5)
-    one = polynomials.cubic_roots(
-        a[1, 3],
-        b[1, 3],
-        c[1, 3],
-        d[1, 3],
-    )
+    one = polynomials.cubic_roots(a[1, 3], b[1, 3], c[1, 3], d[1, 3])
     expected = polynomials.cubic_roots(a, b, c, d)[:, 1, 3]
     np.testing.assert_array_equal(one, expected)

@@ -238,11 +238,7 @@ def test_waypoints_and_limits_each_have_their_unit(tmp_path, unit, limit_unit):
     size = {"deg": np.pi / 180, "rad": 1.0}
     values = np.array([[0, 0], [1, -1]])
     assert problem.waypoints.tolist() == (values * size[unit]).tolist()
-    for name, high in {
-        "velocity": [1, 2],
-        "acceleration": [3, 4],
-        "jerk": [5, 6],
-    }.items():
+    for name, high in {"velocity": [1, 2], "acceleration": [3, 4], "jerk": [5, 6]}.items():
         expected = np.array(high) * size[limit_unit]
         found = getattr(problem.limits, name)[:, 1].tolist()
         assert found == expected.tolist()
@@ -331,48 +327,12 @@ def test_a_file_without_a_name_is_called_after_itself(tmp_path):
     ("given", "pairs"),
     [
         ([1, 2.5], [[-1, 1], [-2.5, 2.5]]),
-        (
-            [1, [-2, 3]],
-            [
-                [-1, 1],
-                [-2, 3],
-            ],
-        ),
-        (
-            ((-1, 4), [-2, 3]),
-            [
-                [-1, 4],
-                [-2, 3],
-            ],
-        ),
-        (
-            np.array([1, 2]),
-            [
-                [-1, 1],
-                [-2, 2],
-            ],
-        ),
-        (
-            np.array([[-1.0, 2], [-3, 4]]),
-            [
-                [-1, 2],
-                [-3, 4],
-            ],
-        ),
-        (
-            [
-                np.float32(1),
-                np.int64(2),
-            ],
-            [[-1, 1], [-2, 2]],
-        ),
-        (
-            [
-                1,
-                np.array([-2, 3]),
-            ],
-            [[-1, 1], [-2, 3]],
-        ),
+        ([1, [-2, 3]], [[-1, 1], [-2, 3]]),
+        (((-1, 4), [-2, 3]), [[-1, 4], [-2, 3]]),
+        (np.array([1, 2]), [[-1, 1], [-2, 2]]),
+        (np.array([[-1.0, 2], [-3, 4]]), [[-1, 2], [-3, 4]]),
+        ([np.float32(1), np.int64(2)], [[-1, 1], [-2, 2]]),
+        ([1, np.array([-2, 3])], [[-1, 1], [-2, 3]]),
     ],
 )
 def test_a_limit_is_a_number_or_a_pair_per_joint(given, pairs):
@@ -387,15 +347,7 @@ ONE = Limits([1.0], [1.0])
 
 @pytest.mark.parametrize(
     "waypoints",
-    [
-        np.array(5.0),
-        None,
-        [np.array(1.0)] * 2,
-        np.zeros((2, 1, 1)),
-        b"ab",
-        [b"a", b"b"],
-        {1: 2},
-    ],
+    [np.array(5.0), None, [np.array(1.0)] * 2, np.zeros((2, 1, 1)), b"ab", [b"a", b"b"], {1: 2}],
 )
 def test_waypoints_of_another_shape(waypoints):
     with pytest.raises(InvalidInput, match="waypoint"):
@@ -403,17 +355,7 @@ def test_waypoints_of_another_shape(waypoints):
 
 
 @pytest.mark.parametrize(
-    "velocity",
-    [
-        np.array(1.0),
-        1.0,
-        None,
-        [np.array(1.0)],
-        [1j],
-        [np.complex128(1)],
-        b"a",
-        [None],
-    ],
+    "velocity", [np.array(1.0), 1.0, None, [np.array(1.0)], [1j], [np.complex128(1)], b"a", [None]]
 )
 def test_limits_of_another_shape(velocity):
     with pytest.raises(InvalidInput, match=r"limits\.velocity"):
@@ -434,28 +376,11 @@ def test_a_waypoint_on_its_position_limit_is_inside():
 
 
 def test_what_a_problem_says_of_itself():
-    limits = Limits(
-        [1] * 3,
-        [2] * 3,
-        [INF, 5, [-INF, 3]],
-        [[-INF, 9], 9, 9],
-    )
-    problem = Problem(
-        [
-            [0, 1, 2],
-            [0, 1, 3],
-            [0, 1, 2],
-            [0, 1, 5],
-        ],
-        limits,
-    )
+    limits = Limits([1] * 3, [2] * 3, [INF, 5, [-INF, 3]], [[-INF, 9], 9, 9])
+    problem = Problem([[0, 1, 2], [0, 1, 3], [0, 1, 2], [0, 1, 5]], limits)
     assert (problem.joints, problem.segments) == (3, 3)
     assert problem.moving.tolist() == [False, False, True]
-    assert problem.displacements.tolist() == [
-        [0, 0, 1],
-        [0, 0, -1],
-        [0, 0, 3],
-    ]
+    assert problem.displacements.tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, 3]]
     for name in ("velocity", "acceleration", "jerk", "position"):
         assert problem.has(name)
     assert not Problem([[0], [1]], ONE).has("jerk")
@@ -475,21 +400,9 @@ def test_without_lifts_a_limit_and_nothing_else():
     assert problem.without().digest() == problem.digest()
 
 
-@pytest.mark.parametrize(
-    "joints",
-    [
-        [0, 2],
-        np.array([True, False, True]),
-        np.array([0, 2]),
-    ],
-)
+@pytest.mark.parametrize("joints", [[0, 2], np.array([True, False, True]), np.array([0, 2])])
 def test_only_some_joints(joints):
-    limits = Limits(
-        [1, 2, 3],
-        [4, 5, 6],
-        [7, 8, 9],
-        [[-1, 1], [-2, 2], [-3, 3]],
-    )
+    limits = Limits([1, 2, 3], [4, 5, 6], [7, 8, 9], [[-1, 1], [-2, 2], [-3, 3]])
     problem = Problem([[0, 0, 0], [0.1, 0.2, 0.3]], limits, "a", "b")
     some = problem.only(joints)
     assert some.waypoints.tolist() == [[0, 0], [0.1, 0.3]]
@@ -515,23 +428,11 @@ def test_only_joints_that_rest_are_no_problem():
     [
         ([0, 1, 2], [0, 1, 2], [0, 1, 2]),
         ([0, 1, 1, 2], [0, 1, 2], [0, 1, 1, 2]),
-        (
-            [0, 0, 0, 1, 1],
-            [0, 1],
-            [0, 0, 0, 1, 1],
-        ),
-        (
-            [0, 1, 0, 0, 1],
-            [0, 1, 0, 1],
-            [0, 1, 2, 2, 3],
-        ),
+        ([0, 0, 0, 1, 1], [0, 1], [0, 0, 0, 1, 1]),
+        ([0, 1, 0, 0, 1], [0, 1, 0, 1], [0, 1, 2, 2, 3]),
         ([0, 0.0, -0.0, 1], [0, 1], [0, 0, 0, 1]),
         ([1, 1 + 2e-16, 2], [1, 2], [0, 0, 1]),
-        (
-            [1, 1 + 1e-14, 2],
-            [1, 1 + 1e-14, 2],
-            [0, 1, 2],
-        ),
+        ([1, 1 + 1e-14, 2], [1, 1 + 1e-14, 2], [0, 1, 2]),
     ],
 )
 def test_repeated_waypoints_merge(waypoints, merged, index):
@@ -551,23 +452,14 @@ def random_problem(seed: int) -> Problem:
 
     def pairs():
         drawn = rng.uniform(-9, 9, joints)
-        return np.stack(
-            [
-                -(10.0 ** rng.uniform(-9, 9, joints)),
-                10.0**drawn,
-            ]
-        )
+        return np.stack([-(10.0 ** rng.uniform(-9, 9, joints)), 10.0**drawn])
 
     values = np.array([[-INF], [INF]])
     jerk = np.where(rng.random((2, joints)) < 0.4, values, pairs())
     drawn = rng.integers(-12, 6, joints)
     waypoints = rng.normal(size=(rows, joints)) * 10.0**drawn
     reach = np.abs(waypoints).max(axis=0) + 1
-    position = np.where(
-        rng.random((2, joints)) < 0.4,
-        np.array([[-INF], [INF]]),
-        [-reach, reach],
-    )
+    position = np.where(rng.random((2, joints)) < 0.4, np.array([[-INF], [INF]]), [-reach, reach])
     limits = Limits(pairs().T, pairs().T, jerk.T, position.T)
     return Problem(waypoints, limits, f"problem {seed}", "at random")
 
@@ -591,12 +483,7 @@ def arrays(problem: Problem) -> dict[str, np.ndarray]:
 
 
 def test_changing_any_number_changes_the_digest():
-    limits = Limits(
-        [1, [-1, 2]],
-        [3, 4],
-        [5, [-INF, 6]],
-        [[-7, 8], 9],
-    )
+    limits = Limits([1, [-1, 2]], [3, 4], [5, [-INF, 6]], [[-7, 8], 9])
     problem = Problem([[0.0, 1.0], [2.0, -1.0]], limits)
     seen = {problem.digest()}
     for name, array in arrays(problem).items():
@@ -613,23 +500,10 @@ def test_changing_any_number_changes_the_digest():
 def test_digests_depend_on_numbers_only():
     limits = Limits([1.0, 1.0], [2.0, 2.0])
     one = Problem([[0.0, 0.0], [1.0, 1.0]], limits, "one", "here")
-    expected = Problem(
-        [[0, -0.0], [1, 1]],
-        limits,
-        "two",
-        "there",
-    ).digest()
+    expected = Problem([[0, -0.0], [1, 1]], limits, "two", "there").digest()
     assert one.digest() == expected
     assert one.digest() == dataclasses.replace(one).digest()
-    joints = Problem(
-        [
-            [0.0],
-            [0.0],
-            [1.0],
-            [1.0],
-        ],
-        Limits([1.0], [2.0]),
-    )
+    joints = Problem([[0.0], [0.0], [1.0], [1.0]], Limits([1.0], [2.0]))
     assert one.digest() != joints.digest()
     expected = Problem([[0, 0], [1, 1]], Limits([1, 2], [1, 2])).digest()
     assert one.digest() != expected
@@ -706,23 +580,13 @@ def test_six_axis_is_the_papers_tables_2_and_3():
 def test_the_six_axis_robot_is_the_papers_table_1():
     robot = tomllib.loads((DATA / "kinematics" / "six-axis.toml").read_text(encoding="utf-8"))
     assert (robot["angle_unit"], robot["convention"]) == ("deg", "modified-dh")
-    millimetres = {
-        "a": [0, 200, 715.6, 256, 0, 0],
-        "d": [0, 0, -94.4, 845.5, 0, 83.8],
-    }
+    millimetres = {"a": [0, 200, 715.6, 256, 0, 0], "d": [0, 0, -94.4, 845.5, 0, 83.8]}
     for key, values in millimetres.items():
         expected = [x / 1000 for x in values]
         assert robot[key] == pytest.approx(expected, rel=1e-12)
     assert robot["alpha"] == [0, -90, 0, -90, 90, -90]
     assert robot["theta"] == [0] * 6
-    ranges = [
-        [-150, 180],
-        [-60, 120],
-        [-45, 45],
-        [-90, 90],
-        [-90, 90],
-        [-180, 180],
-    ]
+    ranges = [[-150, 180], [-60, 120], [-45, 45], [-90, 90], [-90, 90], [-180, 180]]
     assert robot["joint_range"] == ranges
 
 
@@ -753,20 +617,8 @@ def test_a_file_chooses_joints_and_replaces_kinds_of_limits(tmp_path):
     text = TWO_OF_UR5E + 'units.limits = "deg"\n[limits]\nvelocity = [90, [-45, 60]]\n'
     problem = read(tmp_path, text)
     assert problem.joint_names == ("elbow_joint", "wrist_3_joint")
-    assert np.allclose(
-        np.rad2deg(problem.limits.velocity),
-        [
-            [-90, 90],
-            [-45, 60],
-        ],
-    )
-    assert np.allclose(
-        np.rad2deg(problem.limits.position),
-        [
-            [-180, 180],
-            [-360, 360],
-        ],
-    )
+    assert np.allclose(np.rad2deg(problem.limits.velocity), [[-90, 90], [-45, 60]])
+    assert np.allclose(np.rad2deg(problem.limits.position), [[-180, 180], [-360, 360]])
     again = read(tmp_path, problem.to_toml())
     assert again.joint_names == problem.joint_names
     assert again.digest() == problem.digest()
@@ -790,20 +642,8 @@ def test_a_unit_per_joint(tmp_path, limits):
     assert problem.joint_units == ("m", "rad")
     assert np.allclose(problem.waypoints[1], [0.2, np.pi / 2], rtol=1e-15)
     assert np.allclose(problem.limits.velocity[:, 1], [1.5, np.pi])
-    assert np.allclose(
-        problem.limits.acceleration,
-        [
-            [-2, 3],
-            [-np.pi / 2, np.pi / 2],
-        ],
-    )
-    assert np.allclose(
-        problem.limits.position,
-        [
-            [-0.1, 0.5],
-            [-np.pi, np.pi],
-        ],
-    )
+    assert np.allclose(problem.limits.acceleration, [[-2, 3], [-np.pi / 2, np.pi / 2]])
+    assert np.allclose(problem.limits.position, [[-0.1, 0.5], [-np.pi, np.pi]])
     assert [problem.shared_unit(order) for order in (0, 3)] == ["rad or m", "rad/s³ or m/s³"]
     assert problem.without("position").unit(0, order=1) == "m/s"
 
@@ -814,11 +654,7 @@ def test_a_unit_per_joint(tmp_path, limits):
         ('["mm", "deg"]', '["mm"]', "units.waypoints is ['mm']: expected 2 units, one per joint"),
         ('["mm", "deg"]', "[]", "units.waypoints is []: expected 2 units"),
         ('["mm", "deg"]', '["mm", 1]', "units.waypoints, joint 2 is 1: expected deg or rad or m"),
-        (
-            '["mm", "deg"]',
-            '"mm"',
-            'units.waypoints is \'mm\': expected "deg" or "rad", or a',
-        ),
+        ('["mm", "deg"]', '"mm"', 'units.waypoints is \'mm\': expected "deg" or "rad", or a'),
         ('= "deg"', '= ["deg", "m"]', "units.limits is ['deg', 'm']: expected the same kinds"),
         ("[200, 90]", "[600, 90]", "value inside limits.position [-0.1, 0.5] m"),
         ('joint_names = ["rail", "elbow"]', 'robot = "ur5e"', "units, joint 1 is 'm': expected"),
@@ -875,12 +711,6 @@ def test_names_of_joints_belong_to_the_problem_but_not_to_its_digest():
     assert named.digest() == plain.digest()
     assert named.only([1]).joint_names == ("b",)
     assert named.merged()[0].joint_names == ("a", "b")
-    for wrong in (
-        ["a"],
-        ["a", "a"],
-        ["a", ""],
-        ["a", 3],
-        ["a", "b\n"],
-    ):
+    for wrong in (["a"], ["a", "a"], ["a", ""], ["a", 3], ["a", "b\n"]):
         with pytest.raises(InvalidInput, match="joint_names"):
             Problem([[0, 0], [1, 1]], limits, joint_names=wrong)

@@ -9,10 +9,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.trajectory import Trajectory
 
-WAYPOINTS = [
-    [0.0, 0.0],
-    [1.0, -0.5],
-]
+WAYPOINTS = [[0.0, 0.0], [1.0, -0.5]]
 LIMITS = Limits(
     velocity=[2.0, 2.0],  # rad/s, one number per joint
     acceleration=[4.0, [-3.0, 4.0]],  # rad/s², or a [low, high] pair

@@ -52,25 +52,12 @@ def test_every_derivative_is_scipys(seed):
 
 def ramp() -> Trajectory:
     """q = t on [0, 1], then 1 + 2 (t − 1) on [1, 3]."""
-    return Trajectory(
-        [0, 1, 3],
-        [[[1.0], [2.0]], [[0.0], [1.0]]],
-        [0, 1, 3],
-    )
+    return Trajectory([0, 1, 3], [[[1.0], [2.0]], [[0.0], [1.0]]], [0, 1, 3])
 
 
 @pytest.mark.parametrize(
     ("time", "order", "value"),
-    [
-        (0.5, 0, 0.5),
-        (2, 0, 3),
-        (-7, 0, 0),
-        (99, 0, 5),
-        (1, 1, 2),
-        (3, 1, 2),
-        (-1, 1, 1),
-        (2, 2, 0),
-    ],
+    [(0.5, 0, 0.5), (2, 0, 3), (-7, 0, 0), (99, 0, 5), (1, 1, 2), (3, 1, 2), (-1, 1, 1), (2, 2, 0)],
 )
 def test_values_by_hand_with_times_outside_moved_to_the_ends(time, order, value):
     assert ramp()(time, order).tolist() == [value]
@@ -117,11 +104,7 @@ def alone(joint) -> Trajectory:
 
 def test_joints_with_breaks_of_their_own_keep_their_values():
     own = part(1, [0, 0.5, 2.5, 4], 5)
-    parts = [
-        part(0, [0, 1, 4], 3),
-        own,
-        part(2, [0, 4], 0),
-    ]
+    parts = [part(0, [0, 1, 4], 3), own, part(2, [0, 4], 0)]
     joined = Trajectory.joined(parts, [0, 2, 4])
     assert joined.breaks.tolist() == [0, 0.5, 1, 2, 2.5, 4]
     assert joined.coefficients.shape == (6, 5, 3)
@@ -145,23 +128,11 @@ def test_breaks_that_rounding_split_are_one_break(epsilon):
 
 def test_breaks_farther_apart_than_rounding_stay_apart():
     own = part(0, [0, 1 + 1e-9, 4], 2)
-    joined = Trajectory.joined(
-        [
-            own,
-            part(1, [0, 1, 4], 2),
-        ],
-        [0, 4],
-    )
+    joined = Trajectory.joined([own, part(1, [0, 1, 4], 2)], [0, 4])
     expected = [0, 1, 1 + 1e-9, 4]
     assert joined.breaks.tolist() == expected
     middle = 1 + 0.5e-9
-    expected = alone(
-        part(
-            0,
-            [0, 1 + 1e-9, 4],
-            2,
-        )
-    )(middle)[0]
+    expected = alone(part(0, [0, 1 + 1e-9, 4], 2))(middle)[0]
     found = joined(middle)[0]
     np.testing.assert_allclose(found, expected)
 
@@ -171,20 +142,8 @@ def test_a_short_piece_that_moves_is_kept():
     brake = 1e-13
     own = np.array([0.0, 1.0, 1.0 + brake, 2.0])
     v = 1e6 * brake
-    coefficients = np.array(
-        [
-            [0.0, -5e5, 0.0],
-            [v, v, 0.0],
-            [0.0, v, v + v * brake / 2],
-        ]
-    )
-    joined = Trajectory.joined(
-        [
-            (own, coefficients),
-            part(1, [0, 1, 2], 2),
-        ],
-        [0, 2],
-    )
+    coefficients = np.array([[0.0, -5e5, 0.0], [v, v, 0.0], [0.0, v, v + v * brake / 2]])
+    joined = Trajectory.joined([(own, coefficients), part(1, [0, 1, 2], 2)], [0, 2])
     before = joined(1.0 - 1e-9, 1)[0]
     after = joined(1.0 + 1e-9, 1)[0]
     assert before == pytest.approx(v)
@@ -228,12 +187,7 @@ ONE = np.zeros((2, 2, 3))
         ([0, 1, np.nan], ONE, [0, 2], "breaks"),
         ([0, 1, np.inf], ONE, [0, 2], "breaks"),
         ([0, 1, 2], ONE * np.nan, [0, 2], "coefficients"),
-        (
-            [0, 1, 2],
-            np.full_like(ONE, -np.inf),
-            [0, 2],
-            "coefficients",
-        ),
+        ([0, 1, 2], np.full_like(ONE, -np.inf), [0, 2], "coefficients"),
         ([0, 1, 2], ONE, [0, np.nan, 2], "waypoint_times"),
         ([0, 1, 1], ONE, [0, 1], "increasing"),
         ([0, 2, 1], ONE, [0, 1], "increasing"),
@@ -252,12 +206,7 @@ ONE = np.zeros((2, 2, 3))
         ([0, 1, 2], ONE, [], "waypoint_times"),
         ([0, 1, 2], ONE, 2.0, "waypoint_times"),
         ([0, 1, 2], ONE, [[0, 2], [0, 2]], "waypoint_times"),
-        (
-            [0, 1, 2],
-            ONE,
-            [[0, 1, 2], [0, 1, 2]],
-            "waypoint_times",
-        ),
+        ([0, 1, 2], ONE, [[0, 1, 2], [0, 1, 2]], "waypoint_times"),
     ],
 )
 def test_arrays_that_do_not_fit_together(breaks, coefficients, waypoint_times, message):
@@ -306,26 +255,13 @@ def test_refining_changes_no_value(seed):
 def test_refining_within_rounding_of_a_break_adds_none():
     found = ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0])
     assert found is not None
-    found = (
-        ramp()
-        .refined(
-            [
-                1.0 + 2e-16,
-                3.0 - 4e-16,
-                0.0,
-            ]
-        )
-        .breaks.tolist()
-    )
+    found = ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0]).breaks.tolist()
     assert found == [0, 1, 3]
 
 
 def test_pieces_on_the_unit_interval():
     """Their derivatives are those by time: 1 rad/s, then 2 rad/s over 2 s."""
-    assert ramp().pieces().tolist() == [
-        [[1.0], [4.0]],
-        [[0.0], [1.0]],
-    ]
+    assert ramp().pieces().tolist() == [[[1.0], [4.0]], [[0.0], [1.0]]]
     assert ramp().pieces(1).tolist() == [[[1.0], [2.0]]]
     assert ramp().pieces(2).tolist() == [[[0.0], [0.0]]]
 

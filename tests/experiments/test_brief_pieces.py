@@ -41,10 +41,7 @@ def rest_to_rest(ramp: float, *cuts: float) -> tuple[Problem, Trajectory]:
     ],
 )
 def test_a_brief_piece_is_needless_where_jerk_does_not_change(
-    ramp: float,
-    cuts: tuple[float, ...],
-    brief_pieces: int,
-    unused: int,
+    ramp: float, cuts: tuple[float, ...], brief_pieces: int, unused: int
 ) -> None:
     problem, motion = rest_to_rest(ramp, *cuts)
     assert verify(problem, motion).dilation <= 1 + 1e-12

@@ -72,11 +72,7 @@ def test_commands_are_compared_by_their_medians(tmp_path):
         taken = {"new": {"list": new}, "old": {"list": old}}
         rounds.append(taken)
     table = commands.medians(rounds)
-    assert table.loc["list"].to_dict() == {
-        "new, s": 2.0,
-        "old, s": 5.0,
-        "old / new": 2.5,
-    }
+    assert table.loc["list"].to_dict() == {"new, s": 2.0, "old, s": 5.0, "old / new": 2.5}
 
     said = tmp_path / "said"
     command = tmp_path / "command"

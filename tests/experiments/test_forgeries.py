@@ -75,18 +75,7 @@ def test_a_refusal_says_what_would_be_right(name, right):
 # --- what Hypothesis changes in honest proofs ---
 
 TABLES = ("units", "tangents", "cuts", "cells", "steps", "multipliers")
-EXTREMES = (
-    0.0,
-    -0.0,
-    1.0,
-    -1.0,
-    0.5,
-    5e-324,
-    1e-308,
-    2.0**-128,
-    2.0**128,
-    1e308,
-)
+EXTREMES = (0.0, -0.0, 1.0, -1.0, 0.5, 5e-324, 1e-308, 2.0**-128, 2.0**128, 1e308)
 
 
 @st.composite

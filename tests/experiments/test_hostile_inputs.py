@@ -72,10 +72,7 @@ def test_faults_are_noticed(folder, tmp_path, monkeypatch):
     wrong = ["2 lines of error", "an escape sequence", "11 s", "2000000 MB"]
     wrong.append("another file's content")
     found = forged.faults(path, expected=None, report=False)
-    assert found == [
-        *(f"verify: {what}" for what in wrong),
-        *(f"export: {what}" for what in wrong),
-    ]
+    assert found == [*(f"verify: {what}" for what in wrong), *(f"export: {what}" for what in wrong)]
 
 
 @pytest.mark.parametrize(

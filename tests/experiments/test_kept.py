@@ -19,15 +19,8 @@ def test_a_cell_is_computed_once(tmp_path):
     file = tmp_path / "new" / "table.csv"
     rows = [{"gap": 0.75}, {"gap": np.inf}]
     first = kept(file, COLUMNS, {("a", 1): lambda: rows})
-    assert first.to_dict("list") == {
-        "problem": ["a", "a"],
-        "seed": [1, 1],
-        "gap": [0.75, np.inf],
-    }
-    cells = {
-        ("b", 1): lambda: rows[:1],
-        ("a", 1): lambda: pytest.fail("computed twice"),
-    }
+    assert first.to_dict("list") == {"problem": ["a", "a"], "seed": [1, 1], "gap": [0.75, np.inf]}
+    cells = {("b", 1): lambda: rows[:1], ("a", 1): lambda: pytest.fail("computed twice")}
     both = kept(file, COLUMNS, cells)
     assert both["problem"].tolist() == ["a", "a", "b"]
 
@@ -38,10 +31,7 @@ def test_what_is_interrupted_is_computed_again(tmp_path):
     def interrupted():
         raise KeyboardInterrupt
 
-    cells = {
-        (1,): lambda: [{"x": 1}],
-        (2,): interrupted,
-    }
+    cells = {(1,): lambda: [{"x": 1}], (2,): interrupted}
     with pytest.raises(KeyboardInterrupt):
         kept(file, ["seed"], cells)
     table = pd.read_csv(file)
@@ -49,15 +39,6 @@ def test_what_is_interrupted_is_computed_again(tmp_path):
 
 
 def test_a_process_that_dies_or_hangs_is_a_row():
-    cells = [
-        partial(os._exit, 3),
-        partial(time.sleep, 60.0),
-        partial(max, 1, 2),
-    ]
-    found = apart(
-        cells,
-        lost=lambda error: type(error).__name__,
-        workers=1,
-        timeout=1.5,
-    )
+    cells = [partial(os._exit, 3), partial(time.sleep, 60.0), partial(max, 1, 2)]
+    found = apart(cells, lost=lambda error: type(error).__name__, workers=1, timeout=1.5)
     assert list(found) == ["ProcessExpired", "TimeoutError", 2]

@@ -80,14 +80,7 @@ CASES = [
 
 @pytest.mark.parametrize(("what", "harm", "expected"), CASES)
 @pytest.mark.filterwarnings("ignore::trajopt.benchmark.store.folder.DamagedFile")
-def test_harm_is_noticed(
-    tmp_path,
-    whole,
-    monkeypatch,
-    what,
-    harm,
-    expected,
-):
+def test_harm_is_noticed(tmp_path, whole, monkeypatch, what, harm, expected):
     sweep = kills.sweep
     monkeypatch.setattr(kills, "sweep", lambda folder: sweep(folder, seeds=1))
     folder = shutil.copytree(whole, tmp_path / "killed")

@@ -29,10 +29,7 @@ def test_the_table_counts_what_differs():
     one_failed = [5.0, np.inf, 5.0]
     all_failed = [np.inf] * 3
     table = pd.DataFrame(
-        {
-            "problem": np.repeat([0, 1, 2], 3),
-            "duration": [*one_worse, *one_failed, *all_failed],
-        }
+        {"problem": np.repeat([0, 1, 2], 3), "duration": [*one_worse, *one_failed, *all_failed]}
     )
     found = local_optima.summary(table)
     assert found["failed"] == 4

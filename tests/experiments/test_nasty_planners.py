@@ -56,13 +56,7 @@ def test_the_experiment_would_notice():
         "executed": False,
         "message": "",
     }
-    harms = {
-        "certified %": -1e-3,
-        "others": "changed",
-        "left": 1,
-        "printed": 1,
-        "executed": True,
-    }
+    harms = {"certified %": -1e-3, "others": "changed", "left": 1, "printed": 1, "executed": True}
     rows = [row]
     for kind, value in harms.items():
         rows.append(row | {kind: value})

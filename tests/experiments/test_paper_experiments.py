@@ -48,15 +48,7 @@ def test_published_numbers_say_where_they_stand(name):
 
 
 def test_ways_of_combining_joints():
-    times = np.array(
-        [
-            [
-                [np.nan, np.nan, np.nan],
-                [1, 2, 3],
-                [3, 1, 1],
-            ]
-        ]
-    )
+    times = np.array([[[np.nan, np.nan, np.nan], [1, 2, 3], [3, 1, 1]]])
     combined = paper_readings.combined(times)
     found = {name: value.item() for name, value in combined.items()}
     assert found == {
@@ -154,12 +146,7 @@ def test_a_soft_penalty_gives_up_limits_for_time(problem):
 
 
 def test_settling_is_within_one_percent_of_a_runs_own_end():
-    slow = [
-        [1, 2.0],
-        [40, 1.009],
-        [70, 1.0],
-        [99, 1.0],
-    ]
+    slow = [[1, 2.0], [40, 1.009], [70, 1.0], [99, 1.0]]
     at_once = [[1, 1.0]]
     curves = [np.array(slow), np.array(at_once)]
     found = paper_study.settled(curves)
@@ -195,11 +182,7 @@ def test_verdicts(key, number, expected):
 
 
 def test_an_order_is_strict_only_where_intervals_are_apart():
-    cells = {
-        "a": (2.0, 1.9, 2.1),
-        "b": (1.0, 0.9, 1.1),
-        "c": (1.05, 1.0, 1.2),
-    }
+    cells = {"a": (2.0, 1.9, 2.1), "b": (1.0, 0.9, 1.1), "c": (1.05, 1.0, 1.2)}
     keys = ["claimed s", "low s", "high s"]
     rows = {name: pd.Series(values, keys) for name, values in cells.items()}
     assert paper_readings.order(rows) == "b ≈ c < a"

@@ -50,9 +50,7 @@ def test_every_second_problem_has_jerk_limits_and_a_third_of_them_lopsided():
 
 def test_symmetries_undone_give_the_problem_back():
     limits = Limits(
-        [[-1.0, 2.0], [-3.0, 3.0]],
-        [[-4.0, 5.0], [-6.0, 6.0]],
-        [[-7.0, 8.0], [-9.0, 9.0]],
+        [[-1.0, 2.0], [-3.0, 3.0]], [[-4.0, 5.0], [-6.0, 6.0]], [[-7.0, 8.0], [-9.0, 9.0]]
     )
     waypoints = [[0.0, 0.1], [1.0, -0.2], [0.5, 0.4]]
     problem = Problem(waypoints, limits)

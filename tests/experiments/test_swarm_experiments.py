@@ -100,11 +100,7 @@ def test_wilcoxon_and_the_chance_of_a_shorter_run_by_hand():
     assert counts.tolist() == [[6, 0, 0], [0, 0, 6]]
     over_problems = 2 / 2**6
     over_seeds = 2 / comb(8, 4)
-    expected = {
-        "p": over_problems,
-        "p (Holm)": 2 * over_problems,
-        "six-axis p": over_seeds,
-    }
+    expected = {"p": over_problems, "p (Holm)": 2 * over_problems, "six-axis p": over_seeds}
     for column, value in expected.items():
         np.testing.assert_allclose(table[column], value)
     assert table["shorter"].tolist() == [1.0, 0.0]
@@ -174,13 +170,7 @@ def test_the_fitness_is_all_that_the_swarms_pairs_differ_in():
 
 
 @pytest.mark.parametrize(("experiment", "table"), [(issa_ablation, "origin"), (swarms, "compared")])
-def test_quick_forms_resume(
-    experiment,
-    table,
-    tmp_path,
-    capsys,
-    monkeypatch,
-):
+def test_quick_forms_resume(experiment, table, tmp_path, capsys, monkeypatch):
     # Small where size shows nothing: intervals, boxes and proofs are as many as it takes.
     monkeypatch.setattr(races, "JOBS", 0)
     monkeypatch.setattr(races, "PROOF", "certify:family=spline353,within=1.0")

@@ -25,13 +25,7 @@ from trajopt.planners.rest_to_rest import stop_times
 def bang(h: float = 1.0, a: float = 4.0) -> Trajectory:
     """Accelerate at `a` to the middle, brake at `a`: the fastest motion without velocity limit."""
     t = np.sqrt(h / a)
-    pieces = np.array(
-        [
-            [a / 2, -a / 2],
-            [0.0, a * t],
-            [0.0, h / 2],
-        ]
-    )[:, :, None]
+    pieces = np.array([[a / 2, -a / 2], [0.0, a * t], [0.0, h / 2]])[:, :, None]
     return Trajectory([0.0, t, 2 * t], pieces, [0.0, 2 * t])
 
 
@@ -40,14 +34,7 @@ def problem(v: float = 10.0, a: float = 4.0, **more: object) -> Problem:
 
 
 def test_bang_bang_is_at_its_acceleration_limit_all_the_time() -> None:
-    assert list(stretches(problem(), bang())) == [
-        (
-            0,
-            "acceleration",
-            0.0,
-            pytest.approx(1.0),
-        )
-    ]
+    assert list(stretches(problem(), bang())) == [(0, "acceleration", 0.0, pytest.approx(1.0))]
     assert share_at_limits(problem(), bang()) == pytest.approx(1.0, abs=1e-12)
 
 
@@ -70,10 +57,7 @@ def test_a_position_limit_counts_by_its_range() -> None:
     # q >= 0.99 of [0, 1] while 2 (1 - t)² <= 0.01: the last sqrt(0.005) s; alike at the start.
     near = float(np.sqrt(0.005))
     found = [r for r in stretches(problem(position=[[0.0, 1.0]]), bang()) if r[1] == "position"]
-    spans = [
-        pytest.approx((0.0, near)),
-        pytest.approx((1.0 - near, 1.0)),
-    ]
+    spans = [pytest.approx((0.0, near)), pytest.approx((1.0 - near, 1.0))]
     assert [row[2:] for row in found] == spans
 
 
@@ -105,13 +89,7 @@ def test_one_percent_is_worth_what_the_closed_form_says(limit: str, power: float
     assert row.limit == "acceleration"
     assert row.saving == pytest.approx(1 - 1.01**-0.5, rel=1e-9)
     assert relaxed(problem(), 0, limit).digest() != problem().digest()
-    assert stop_times(
-        relaxed(
-            problem(),
-            0,
-            limit,
-        )
-    )[0] == pytest.approx(1.01**power, rel=1e-12)
+    assert stop_times(relaxed(problem(), 0, limit))[0] == pytest.approx(1.01**power, rel=1e-12)
 
 
 def test_without_a_solver_the_trajectory_is_dilated() -> None:

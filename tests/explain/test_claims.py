@@ -122,8 +122,7 @@ def test_a_peak_jerk_is_one_number_per_joint():
 
 
 @pytest.mark.parametrize(
-    ("name", "printed"),
-    [("fang2020-task1", "4.0"), ("fang2020-task2", "1.9299")],
+    ("name", "printed"), [("fang2020-task1", "4.0"), ("fang2020-task2", "1.9299")]
 )
 def test_the_bang_bang_optima_that_fang_et_al_print(name, printed):
     published = literature.published(name)

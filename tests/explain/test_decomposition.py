@@ -35,14 +35,7 @@ def explained(problem: Problem, planner: Planner) -> Explanation:
     return explain(problem, planner, trajectory)
 
 
-@pytest.mark.parametrize(
-    ("planner", "seed"),
-    [
-        (QUICK, 1),
-        (Unoptimised(), 2),
-        (Spline353NLP(), 1),
-    ],
-)
+@pytest.mark.parametrize(("planner", "seed"), [(QUICK, 1), (Unoptimised(), 2), (Spline353NLP(), 1)])
 def test_both_decompositions_multiply_to_the_gap(planner: Planner, seed: int) -> None:
     found = explained(random_problem(seed, joints=3, waypoints=4), planner)
     ratio = found.certified_duration / found.exact
@@ -83,15 +76,7 @@ def test_the_worst_timing_of_the_best_path_loses_by_its_timing_alone() -> None:
 
 def test_a_line_is_the_best_route_and_the_spline_only_times_it_badly() -> None:
     # One joint, monotone: every path is the same line, so the route costs nothing.
-    problem = Problem(
-        [
-            [0.0],
-            [0.5],
-            [1.0],
-            [1.5],
-        ],
-        Limits([1.0], [2.0]),
-    )
+    problem = Problem([[0.0], [0.5], [1.0], [1.5]], Limits([1.0], [2.0]))
     found = explained(problem, Spline353NLP())
     assert found.exact == approx(1.5 / 1.0 + 1.0 / 2.0, rel=1e-6)
     assert found.route_gap == approx(0.0, abs=2e-4)
@@ -133,11 +118,7 @@ def test_a_dilated_or_segmentwise_spline_is_still_of_the_family() -> None:
 
 def test_what_cannot_be_certified_cannot_be_explained() -> None:
     problem = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
-    jump = Trajectory(
-        [0.0, 1.0],
-        np.array([[1.0], [0.0]])[:, None],
-        [0.0, 1.0],
-    )
+    jump = Trajectory([0.0, 1.0], np.array([[1.0], [0.0]])[:, None], [0.0, 1.0])
     with pytest.raises(TrajoptError, match="velocity jumps"):
         explain(problem, Exact(), jump)
 
@@ -172,17 +153,7 @@ def test_asking_by_name_goes_through_the_registry() -> None:
 
 def test_a_record_is_the_optimum_only_where_it_is_shorter() -> None:
     problem = Problem([[0.0], [1.0]], Limits([5.0], [1.0]))
-    bang = Trajectory(
-        [0.0, 1.0, 2.0],
-        np.array(
-            [
-                [0.5, -0.5],
-                [0, 1],
-                [0, 0.5],
-            ]
-        )[..., None],
-        [0, 2],
-    )
+    bang = Trajectory([0.0, 1.0, 2.0], np.array([[0.5, -0.5], [0, 1], [0, 0.5]])[..., None], [0, 2])
     slow = bang.dilated(1.5)
     known = explain(problem, None, slow, Answer(bang, "theirs, 2026-11-22"))
     assert (known.exact, known.recorded) == (approx(2.0), "")

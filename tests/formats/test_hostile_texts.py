@@ -299,11 +299,7 @@ def npy(tmp_path, shape, kind="<f8"):
 
 
 def test_arrays_that_are_none(tmp_path):
-    expected = refused(
-        tmp_path,
-        "waypoints.npy",
-        npy(tmp_path, (10**12, 1)) + bytes(64),
-    )
+    expected = refused(tmp_path, "waypoints.npy", npy(tmp_path, (10**12, 1)) + bytes(64))
     assert "a readable .npy file" in expected
     with zipfile.ZipFile(tmp_path / "waypoints.npz", "w") as archive:
         archive.writestr("a.npy", "x")
@@ -322,15 +318,7 @@ def test_errors_show_the_beginning_of_a_value():
     assert found < 300
     assert shown(10**5000) == "a value of type int"
     assert shown([0.5, -1]) == "[0.5, -1]"
-    found = len(
-        str(
-            InvalidInput(
-                "k" * 10**6,
-                "e" * 10**6,
-                value={"a": "b" * 10**6},
-            )
-        )
-    )
+    found = len(str(InvalidInput("k" * 10**6, "e" * 10**6, value={"a": "b" * 10**6})))
     assert found < 2000
     found = len(str(UnknownName("planner", "p" * 10**6, ["exact"])))
     assert found < 300

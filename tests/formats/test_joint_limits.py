@@ -88,16 +88,8 @@ def test_accelerations_that_nobody_says_can_be_said_once(tmp_path):
 def test_flags_lift_what_another_source_says_and_silence_keeps_it(tmp_path):
     robot = RobotLimits(
         joints={
-            "one": {
-                "velocity": (-1, 1),
-                "acceleration": (-2, 2),
-                "jerk": (-3, 3),
-            },
-            "two": {
-                "velocity": (-1, 1),
-                "acceleration": (-2, 2),
-                "position": (-4, 4),
-            },
+            "one": {"velocity": (-1, 1), "acceleration": (-2, 2), "jerk": (-3, 3)},
+            "two": {"velocity": (-1, 1), "acceleration": (-2, 2), "position": (-4, 4)},
         },
         source="robot",
     )

@@ -77,13 +77,7 @@ def test_every_wrapping(tmp_path, wrapped):
 
 
 @pytest.mark.parametrize(
-    "time",
-    [
-        1.5,
-        "1.5",
-        {"sec": 1, "nanosec": 500_000_000},
-        {"secs": 1, "nsecs": 500_000_000},
-    ],
+    "time", [1.5, "1.5", {"sec": 1, "nanosec": 500_000_000}, {"secs": 1, "nsecs": 500_000_000}]
 )
 def test_every_spelling_of_a_duration(time):
     table = message()

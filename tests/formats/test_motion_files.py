@@ -99,14 +99,7 @@ def test_every_malformed_line_is_named(tmp_path, text, said):
 
 
 def test_polynomials_are_read_as_they_are(tmp_path):
-    spline = CubicSpline(
-        [0.0, 1.0, 3.0],
-        [
-            [0.0, 1.0],
-            [1.0, 0.0],
-            [2.0, 2.0],
-        ],
-    )
+    spline = CubicSpline([0.0, 1.0, 3.0], [[0.0, 1.0], [1.0, 0.0], [2.0, 2.0]])
     table = {"breaks": spline.x.tolist(), "coefficients": spline.c.tolist()}
     content = json.dumps(table | {"joint_names": ["a", "b"]})
     path = file(tmp_path, content, "m.json")
@@ -138,14 +131,7 @@ def test_polynomials_may_say_the_lengths_that_breaks_round(tmp_path):
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        (
-            {
-                "breaks": [0, 1],
-                "coefficients": [[[1]]],
-                "joint_names": ["a", "b"],
-            },
-            "1 names",
-        ),
+        ({"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": ["a", "b"]}, "1 names"),
         ({"breaks": [0, 1, 2], "coefficients": [[[1]]]}, "that fit together"),
         ({"breaks": [0, 1], "coefficients": [1]}, "is '(2,) and (1,)'"),
         ({"breaks": [], "coefficients": []}, "is '(0,) and (0,)': expected"),

@@ -42,38 +42,20 @@ def test_a_triangle_whose_breaks_are_on_the_cycle_stays_as_it_is():
     # it is at its limit, and what is written stays 1e-5 below: a cycle more
     assert found.duration == pytest.approx(1.25)
     assert samples.accelerations is None
-    exact = moved(
-        Problem([[0.0], [0.499]], Limits([5.0], [2.0])),
-        _triangle(0.499),
-        0.25,
-    )
+    exact = moved(Problem([[0.0], [0.499]], Limits([5.0], [2.0])), _triangle(0.499), 0.25)
     assert exact.duration == 1.0
     assert np.allclose(exact.at_breaks(["a"]).velocities[1], 0.998)
 
 
 def _triangle(h):
     """Up for half a second and down: v = 2 h."""
-    coefficients = np.array(
-        [
-            [2 * h, -2 * h],
-            [0.0, 2 * h],
-            [0.0, h / 2],
-        ]
-    )
+    coefficients = np.array([[2 * h, -2 * h], [0.0, 2 * h], [0.0, h / 2]])
     return Trajectory([0.0, 0.5, 1.0], coefficients[:, :, None], [0.0, 1.0])
 
 
 @pytest.mark.parametrize("cycle", [0.001, 0.008, 0.05])
 def test_constant_acceleration_is_executed_as_planned_by_cubic_pieces(cycle):
-    problem = Problem(
-        [
-            [0, 0.2],
-            [0.5, -0.4],
-            [0.9, 0.1],
-            [0.3, 0.2],
-        ],
-        TWO,
-    )
+    problem = Problem([[0, 0.2], [0.5, -0.4], [0.9, 0.1], [0.3, 0.2]], TWO)
     planned, found = motion(problem, "exact", cycle)
     breaks = found.at_breaks(["a", "b"])
     every = found.at_cycles(["a", "b"])
@@ -92,12 +74,7 @@ def test_constant_acceleration_is_executed_as_planned_by_cubic_pieces(cycle):
 
 
 def test_constant_jerk_is_executed_as_planned_by_quintic_pieces():
-    limits = Limits(
-        [1.0, 1.5],
-        [2.0, 3.0],
-        jerk=[20, 30],
-        position=[[-1, 1], [-1, 1]],
-    )
+    limits = Limits([1.0, 1.5], [2.0, 3.0], jerk=[20, 30], position=[[-1, 1], [-1, 1]])
     problem = Problem([[0, 0.2], [0.5, -0.4], [0.9, 0.1]], limits)
     planned, found = motion(problem, "exact-jerk", 0.001)
     certificate = executed(problem, found, found.at_breaks(["a", "b"]))
@@ -116,16 +93,7 @@ def test_a_joint_without_a_jerk_limit_loses_a_cycle_and_no_more():
 
 
 def test_smooth_motions_waypoints_twice_and_joints_at_rest():
-    problem = Problem(
-        [
-            [0, 1],
-            [0.5, 1],
-            [0.5, 1],
-            [0.9, 1],
-            [0.3, 1],
-        ],
-        TWO,
-    )
+    problem = Problem([[0, 1], [0.5, 1], [0.5, 1], [0.9, 1], [0.3, 1]], TWO)
     planned, found = motion(problem, "unoptimised", 0.004)
     assert executed(problem, found, found.at_cycles(["a", "b"])).feasible
     assert found.duration < 1.01 * planned.duration
@@ -135,15 +103,7 @@ def test_smooth_motions_waypoints_twice_and_joints_at_rest():
 
 def test_waypoints_a_rounding_unit_apart_share_a_cycle():
     limits = Limits([1.0], [2.0])
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [np.nextafter(1, 2)],
-            [2.0],
-        ],
-        limits,
-    )
+    problem = Problem([[0.0], [1.0], [np.nextafter(1, 2)], [2.0]], limits)
     planned, found = motion(problem, "exact", 0.001)
     assert executed(problem, found, found.at_breaks(["a"])).feasible
     assert found.duration < planned.duration + 0.01
@@ -160,15 +120,7 @@ def test_limits_so_high_that_they_act_at_once_get_a_cycle_to_do_so():
 
 
 def test_a_cycle_longer_than_the_motion_allows_is_refused():
-    problem = Problem(
-        [
-            [0, 0],
-            [0.1, 0.1],
-            [0.2, 0],
-            [0.3, 0.1],
-        ],
-        TWO,
-    )
+    problem = Problem([[0, 0], [0.1, 0.1], [0.2, 0], [0.3, 0.1]], TWO)
     with pytest.raises(InvalidInput, match="expected a shorter one"):
         motion(problem, "exact", 1.0)
 

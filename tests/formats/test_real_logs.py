@@ -116,19 +116,7 @@ SHAPES = {
         log(
             "time, success_rate, state.q[0], state.q[1],state.q_d[0], state.q_d[1],state.dq[0], "
             "state.dq[1],state.dq_d[0], state.dq_d[1],cmd.q_d[0], cmd.q_d[1],cmd.dq_d[0]",
-            lambda n, t, q, v: [
-                round(1000 * t),
-                1,
-                9,
-                9,
-                *q,
-                9,
-                9,
-                *v,
-                0,
-                0,
-                0,
-            ],
+            lambda n, t, q, v: [round(1000 * t), 1, 9, 9, *q, 9, 9, *v, 0, 0, 0],
         ),
         "rad,ms",
         "what was commanded is read, not what was measured; left out: success_rate, state.q[0]",
@@ -158,11 +146,7 @@ SHAPES = {
         None,
         "",
     ),
-    "numpy.savetxt": (
-        log("# t q1 q2 qd1 qd2", lambda n, t, q, v: [t, *q, *v], " "),
-        "rad",
-        "",
-    ),
+    "numpy.savetxt": (log("# t q1 q2 qd1 qd2", lambda n, t, q, v: [t, *q, *v], " "), "rad", ""),
     "a unit once for all columns of a kind": (
         log(
             "time [ms],elbow [deg],wrist,elbow_velocity,wrist_velocity",

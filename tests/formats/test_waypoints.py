@@ -15,11 +15,7 @@ from trajopt.formats.robot_limits import RobotLimits
 
 TWO = RobotLimits(
     joints={
-        "one": {
-            "velocity": (-1, 1),
-            "acceleration": (-2, 2),
-            "position": (-3, 3),
-        },
+        "one": {"velocity": (-1, 1), "acceleration": (-2, 2), "position": (-3, 3)},
         "two": {"velocity": (-4, 4), "acceleration": (-5, 5)},
     },
     source="two",
@@ -73,13 +69,7 @@ def test_names_choose_the_joints_and_their_order(tmp_path):
     path = written(tmp_path, "a.csv", "two [deg], one [°]\n0, 0\n90, 45\n")
     problem = waypoints.problem(path, TWO)
     assert problem.joint_names == ("two", "one")
-    assert np.allclose(
-        problem.waypoints[1],
-        [
-            np.pi / 2,
-            np.pi / 4,
-        ],
-    )
+    assert np.allclose(problem.waypoints[1], [np.pi / 2, np.pi / 4])
     found = problem.limits.acceleration[:, 1].tolist()
     assert found == [5, 2]
     only = waypoints.problem(written(tmp_path, "b.csv", "two\n0\n1\n"), TWO)
@@ -193,10 +183,7 @@ FRANKA = '<position_based_velocity_limits velocity_offset="0.3" deceleration_lim
 def test_a_urdf_has_names_positions_and_velocities(tmp_path, capsys):
     robot = urdf.read(written(tmp_path, "r.urdf", URDF))
     assert robot.joint_names == ("one", "turning", "sliding")
-    assert robot.joints["one"] == {
-        "velocity": (-3, 3),
-        "position": (-0.5, 2),
-    }
+    assert robot.joints["one"] == {"velocity": (-3, 3), "position": (-0.5, 2)}
     expected = {"velocity": (-4, 4), "position": (-np.inf, np.inf)}
     assert robot.joints["turning"] == expected
     assert robot.joints["sliding"] == {"position": (0, 0.2)}
@@ -261,11 +248,7 @@ def test_a_urdf_s_falling_velocity_limit_belongs_to_its_range_not_to_soft_limits
 
 CELL = RobotLimits(
     joints={
-        "rail": {
-            "velocity": (-1, 1),
-            "acceleration": (-2, 2),
-            "position": (0, 0.5),
-        },
+        "rail": {"velocity": (-1, 1), "acceleration": (-2, 2), "position": (0, 0.5)},
         "elbow": {"velocity": (-4, 4), "acceleration": (-5, 5)},
     },
     source="cell.urdf",

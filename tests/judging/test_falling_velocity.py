@@ -66,30 +66,14 @@ def test_braking_is_worst_inside_the_piece():
     expected = (v0 - v) / b
     assert found.time == pytest.approx(expected, rel=1e-9)
     # it begins and ends at the roots of (v + o)² = 2 d w, a quadratic in v
-    ends = np.roots(
-        [
-            1 - d / b,
-            2 * o,
-            o**2 - 2 * d * room,
-        ]
-    )
+    ends = np.roots([1 - d / b, 2 * o, o**2 - 2 * d * room])
     expected = abs(np.diff(ends)[0]) / b / 2
     assert found.share == pytest.approx(expected, rel=1e-9)
     # touched in one instant: the same motion with the offset that makes the worst excess 0
-    touching = FallingVelocity(
-        np.sqrt(2 * d * w) - v,
-        d,
-        -100,
-        high,
-    )
+    touching = FallingVelocity(np.sqrt(2 * d * w) - v, d, -100, high)
     motion = pieces([0, 2], [-b / 2, v0, 0])
     assert both_ways(touching, motion) == Excess()
-    nearer = FallingVelocity(
-        np.sqrt(2 * d * w) - v + 1e-3,
-        d,
-        -100,
-        high,
-    )
+    nearer = FallingVelocity(np.sqrt(2 * d * w) - v + 1e-3, d, -100, high)
     found = both_ways(nearer, pieces([0, 2], [-b / 2, v0, 0]))
     assert found.value == pytest.approx(1e-3, rel=1e-6)
 
@@ -97,14 +81,7 @@ def test_braking_is_worst_inside_the_piece():
 def test_the_limit_s_own_arc_is_kept():
     # with offset 0 the limit's arc is a parabola: v = d (T - t), w = (d/2) (T - t)²
     d = 1.7
-    arc = pieces(
-        [0, 2],
-        [
-            -d / 2,
-            2 * d,
-            -2 * d,
-        ],
-    )  # q = -(d/2) (2 - t)²
+    arc = pieces([0, 2], [-d / 2, 2 * d, -2 * d])  # q = -(d/2) (2 - t)²
     limit = FallingVelocity(0.0, d, -100, 0.0)
     assert both_ways(limit, arc) == Excess()
     found = both_ways(FallingVelocity(1e-4, d, -100, 0.0), arc)
@@ -175,11 +152,7 @@ def test_the_fr3_s_own_numbers_are_libfranka_s():
     # rate_limiting.h: -0.20 + sqrt(5.17 (1.79180 - q)), 0.35 - sqrt(11 (-0.54092 + q))
     assert 2 * limits[1].deceleration == 5.17
     assert (limits[1].offset, limits[1].high) == (0.20, 1.79180)
-    assert (
-        limits[5].offset,
-        limits[5].low,
-        2 * limits[5].deceleration,
-    ) == (0.35, 0.54092, 11)
+    assert (limits[5].offset, limits[5].low, 2 * limits[5].deceleration) == (0.35, 0.54092, 11)
     assert len(limits) == 7
     assert arm_file.read("franka-panda").falling_velocity == ()
 

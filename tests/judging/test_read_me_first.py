@@ -10,10 +10,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.verification import certified, verify
 
-PROBLEM = Problem(
-    waypoints=[[0.0], [1.0]],
-    limits=Limits(velocity=[10.0], acceleration=[1.0]),
-)
+PROBLEM = Problem(waypoints=[[0.0], [1.0]], limits=Limits(velocity=[10.0], acceleration=[1.0]))
 
 
 def bang_bang(acceleration: float) -> Trajectory:

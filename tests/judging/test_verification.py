@@ -27,14 +27,7 @@ from trajopt.planners import spline353
 reproducible = settings(deadline=None, derandomize=True, max_examples=60)
 seeds = st.integers(0, 2**32 - 1)
 INF = np.inf
-WAYPOINTS = np.array(
-    [
-        [0.0, 0.3, 0.5],
-        [0.4, 0.3, -0.2],
-        [0.9, 0.3, -0.4],
-        [0.5, 0.3, 0.1],
-    ]
-)
+WAYPOINTS = np.array([[0.0, 0.3, 0.5], [0.4, 0.3, -0.2], [0.9, 0.3, -0.4], [0.5, 0.3, 0.1]])
 WAITING = WAYPOINTS[[0, 1, 1, 3]]  # and the spike comes while it waits
 LONG = 1e3  # s from waypoint to waypoint: the plain motion is slow, and no limit is near
 SHORT = 1e-7  # s
@@ -90,11 +83,7 @@ def extremes(bump, order: int) -> tuple[float, float]:
 @cache
 def _extremes(bump, order: int) -> tuple[float, float]:
     p = np.polyder(np.poly1d(bump), order)
-    points = np.clip(
-        np.r_[np.roots(p.deriv().coeffs).real, 0, 1],
-        0,
-        1,
-    )
+    points = np.clip(np.r_[np.roots(p.deriv().coeffs).real, 0, 1], 0, 1)
     return p(points).min(), p(points).max()
 
 
@@ -132,15 +121,7 @@ def test_a_spike_of_a_tenth_of_a_microsecond_in_fifty_minutes(kind, joint, side,
     bump = sign * hump(4, 4)
     values = np.array(extremes(bump, order))
     reach = values / length**order
-    limit, unit, other = (
-        (
-            high,
-            reach[1],
-            reach[0],
-        )
-        if sign > 0
-        else (low, reach[0], reach[1])
-    )
+    limit, unit, other = (high, reach[1], reach[0]) if sign > 0 else (low, reach[0], reach[1])
     if low == -high:
         unit = np.copysign(np.abs(reach).max(), limit)
     bump = bump * limit / unit * (1 + beyond)
@@ -176,11 +157,7 @@ ROOM = Limits([9.0] * 3, [9.0] * 3)
 def jerk_limited(joints=(0, 1, 2)) -> Limits:
     # No stiffer: a break's time is rounded, here to 16 ε · 12 s = 4e-14 s, in which acceleration
     # may change by J times that. At 9e9 rad/s³ that is 4e-4 rad/s², more than the jumps tried here.
-    return Limits(
-        [9.0] * 3,
-        [9.0] * 3,
-        [9e4 if j in joints else INF for j in range(3)],
-    )
+    return Limits([9.0] * 3, [9.0] * 3, [9e4 if j in joints else INF for j in range(3)])
 
 
 def within(position, waypoints=WAITING) -> Problem:
@@ -229,14 +206,7 @@ def test_without_position_limits_none_is_judged():
 
 
 def test_positions_between_infinite_limits_are_far_inside():
-    problem = within(
-        [
-            [-INF, INF],
-            [0.3 - 1e-3, INF],
-            [-INF, INF],
-        ],
-        WAYPOINTS,
-    )
+    problem = within([[-INF, INF], [0.3 - 1e-3, INF], [-INF, INF]], WAYPOINTS)
     worst = verify(problem, quintic_motion(WAYPOINTS, 4.0)).position
     expected = (1, pytest.approx(-1e-3))
     assert (worst.joint, worst.value) == expected
@@ -308,11 +278,7 @@ def test_a_waypoint_passed_at_another_time(late):
     """At a speed of 1 rad/s, the miss is the lateness."""
     limits = Limits([9.0], [9.0])
     problem = Problem([[0.0], [1.0], [2.0]], limits)
-    line = Trajectory(
-        [0, 2],
-        [[[1.0]], [[0.0]]],
-        [0, 1 + late, 2],
-    )
+    line = Trajectory([0, 2], [[[1.0]], [[0.0]]], [0, 1 + late, 2])
     assert verify(problem, line).waypoint.value == pytest.approx(late, rel=1e-6)
     missed = [flaw for flaw in verify(problem, line).flaws if "misses" in flaw]
     assert len(missed) == (late > 1e-6)
@@ -337,31 +303,10 @@ def test_a_velocity_jump(place, times, joint, sign):
 
     The third joint, whose limit is out of reach, may jump by a millionth of sqrt(A h).
     """
-    limits = Limits(
-        [
-            9,
-            [-4, 9],
-            [-1e6, 1e6],
-        ],
-        [1e3] * 3,
-    )
-    jump = (
-        sign
-        * times
-        * 1e-6
-        * [
-            9,
-            4,
-            (1e3 * 0.7) ** 0.5,
-        ][joint]
-    )
+    limits = Limits([9, [-4, 9], [-1e6, 1e6]], [1e3] * 3)
+    jump = sign * times * 1e-6 * [9, 4, (1e3 * 0.7) ** 0.5][joint]
     piece = PLACES[place]
-    motion = bumped(
-        quintic_motion(WAYPOINTS, 4.0, CUTS),
-        piece,
-        joint,
-        jump * hump(1, 2),
-    )
+    motion = bumped(quintic_motion(WAYPOINTS, 4.0, CUTS), piece, joint, jump * hump(1, 2))
     certificate = verify(Problem(WAYPOINTS, limits), motion)
     assert certificate.valid == (times < 1)
     worst = certificate.continuity
@@ -409,23 +354,11 @@ def test_an_acceleration_jump_counts_where_jerk_is_limited(place, joint, times, 
 
 
 def test_one_sided_jerk_limits_forbid_acceleration_jumps_too():
-    limits = Limits(
-        [9.0] * 3,
-        [9.0] * 3,
-        [[-INF, 9e4], [-INF, INF], [-INF, INF]],
-    )
+    limits = Limits([9.0] * 3, [9.0] * 3, [[-INF, 9e4], [-INF, INF], [-INF, INF]])
     motion = quintic_motion(WAYPOINTS, 4.0, CUTS)
     problem = Problem(WAYPOINTS, limits)
     assert verify(problem, motion).valid
-    assert not verify(
-        problem,
-        bumped(
-            motion,
-            5,
-            0,
-            1e-3 * hump(2, 3),
-        ),
-    ).valid
+    assert not verify(problem, bumped(motion, 5, 0, 1e-3 * hump(2, 3))).valid
     assert verify(problem, bumped(motion, 5, 1, 1e-3 * hump(2, 3))).valid
 
 
@@ -454,20 +387,8 @@ def test_every_flaw_is_told_at_once():
         (hump(3, 3) * 640, 6, 1),
     ]:
         motion = bumped(motion, piece, joint, bump)
-    limits = Limits(
-        [9.0] * 3,
-        [9.0] * 3,
-        [9e4] * 3,
-        [[-9, 9], [-9, 9], [-9, 9]],
-    )
-    moved = WAYPOINTS + np.array(
-        [
-            [0, 0, 0],
-            [0, 1e-3, 0],
-            [0, 0, 0],
-            [0, 0, 0],
-        ]
-    )
+    limits = Limits([9.0] * 3, [9.0] * 3, [9e4] * 3, [[-9, 9], [-9, 9], [-9, 9]])
+    moved = WAYPOINTS + np.array([[0, 0, 0], [0, 1e-3, 0], [0, 0, 0], [0, 0, 0]])
     certificate = verify(Problem(moved, limits), motion)
     flaws = " | ".join(certificate.flaws)
     for words in (
@@ -491,10 +412,7 @@ def test_the_quintics_peaks_are_known(T):
     assert certificate.velocity.time == pytest.approx(T / 2)
     expected = 2 * 10 / 3**0.5 / T**2 / 3
     assert certificate.acceleration.value == pytest.approx(expected, rel=1e-12)
-    beside = [
-        T * (0.5 - 12**-0.5),
-        T * (0.5 + 12**-0.5),
-    ]
+    beside = [T * (0.5 - 12**-0.5), T * (0.5 + 12**-0.5)]
     found = min(abs(certificate.acceleration.time - t) for t in beside)
     assert found < 1e-6 * T
     # The first and the last instant: one of them is no less than the other.
@@ -502,11 +420,7 @@ def test_the_quintics_peaks_are_known(T):
     assert certificate.jerk.value == pytest.approx(expected, rel=1e-12)
     found = min(certificate.jerk.time, T - certificate.jerk.time)
     assert found < 1e-6 * T
-    worst = max(
-        2.5 / T,
-        (20 / 3**1.5) ** 0.5 / T,
-        20 ** (1 / 3) / T,
-    )
+    worst = max(2.5 / T, (20 / 3**1.5) ** 0.5 / T, 20 ** (1 / 3) / T)
     assert certificate.dilation == pytest.approx(worst, rel=1e-12)
     assert certificate.feasible == (worst <= 1)
     expected = max(1, worst) * T
@@ -530,15 +444,7 @@ def random_pieces(seed: int, degree: int, joints: int):
         return np.stack([-rng.uniform(low, high, joints), drawn], axis=1)
 
     limits = Limits(pairs(), pairs(), pairs(), pairs(20, 30))
-    return Problem(
-        np.vstack(
-            [
-                np.zeros(joints),
-                np.ones(joints),
-            ]
-        ),
-        limits,
-    ), trajectory
+    return Problem(np.vstack([np.zeros(joints), np.ones(joints)]), limits), trajectory
 
 
 def worst_by_numpy(trajectory: Trajectory, order: int, measure) -> tuple[float, int]:
@@ -551,11 +457,7 @@ def worst_by_numpy(trajectory: Trajectory, order: int, measure) -> tuple[float, 
             p = np.polyder(polynomial, order)
             steps = np.arange(p.order, -1.0, -1.0)
             unit = np.poly1d(p.coeffs * length**steps)
-            points = np.clip(
-                np.r_[np.roots(unit.deriv().coeffs).real, 0, 1],
-                0,
-                1,
-            )
+            points = np.clip(np.r_[np.roots(unit.deriv().coeffs).real, 0, 1], 0, 1)
             worst += [(measure(value, joint), joint) for value in unit(points)]
     return max(worst)
 
@@ -574,11 +476,7 @@ def test_peaks_are_those_that_numpys_roots_give(seed, degree, joints):
         assert found.value == pytest.approx(value, rel=1e-9)
         assert found.joint == joint or value == 0
     pairs = problem.limits.position
-    value, joint = worst_by_numpy(
-        trajectory,
-        0,
-        lambda x, j: max(x - pairs[j, 1], pairs[j, 0] - x),
-    )
+    value, joint = worst_by_numpy(trajectory, 0, lambda x, j: max(x - pairs[j, 1], pairs[j, 0] - x))
     assert certificate.position.value == pytest.approx(value, rel=1e-9, abs=1e-9)
     assert certificate.position.joint == joint
 
@@ -621,12 +519,7 @@ def test_dilating_by_k_divides_the_dilation_by_k(seed, factor):
 def test_faster_limits_and_a_faster_motion_are_the_same_thing(seed, c):
     problem, trajectory = random_pieces(seed, 5, 3)
     old = problem.limits
-    limits = Limits(
-        old.velocity * c,
-        old.acceleration * c**2,
-        old.jerk * c**3,
-        old.position,
-    )
+    limits = Limits(old.velocity * c, old.acceleration * c**2, old.jerk * c**3, old.position)
     before = verify(problem, trajectory)
     after = verify(Problem(problem.waypoints, limits), trajectory.dilated(1 / c))
     assert after.dilation == pytest.approx(before.dilation, rel=1e-9)
@@ -665,10 +558,7 @@ def test_permuting_joints_changes_only_their_numbers(seed):
     limits = Limits(
         old.velocity[order], old.acceleration[order], old.jerk[order], old.position[order]
     )
-    permuted = Problem(
-        problem.waypoints[:, order],
-        limits,
-    )
+    permuted = Problem(problem.waypoints[:, order], limits)
     moved = Trajectory(
         trajectory.breaks, trajectory.coefficients[..., order], trajectory.waypoint_times
     )
@@ -750,12 +640,7 @@ def test_tolerances_can_be_chosen():
 
 
 def test_what_goes_into_json():
-    limits = Limits(
-        [1.0] * 3,
-        [1.0] * 3,
-        [1.0] * 3,
-        [[-5, 5]] * 3,
-    )
+    limits = Limits([1.0] * 3, [1.0] * 3, [1.0] * 3, [[-5, 5]] * 3)
     motion = quintic_motion(WAYPOINTS, 4.0)
     certificate = verify(Problem(WAYPOINTS, limits), motion)
     table = certificate.as_dict()

@@ -71,12 +71,7 @@ def test_an_executed_text_is_another_code_every_time(text, module, tmp_path, mon
     script.__file__ = str(tmp_path / "script.py")
     (tmp_path / "script.py").write_text("", encoding="utf-8")
     monkeypatch.setitem(sys.modules, "__main__", script)
-    names = {
-        "dataclass": dataclass,
-        "Planner": Planner,
-        "Solution": Solution,
-        "Status": Status,
-    }
+    names = {"dataclass": dataclass, "Planner": Planner, "Solution": Solution, "Status": Status}
     if module:
         names["__name__"] = module
     ids = set()
@@ -143,16 +138,8 @@ def test_a_planner_that_says_it_knows_a_limit_must_keep_it():
     def careless(problem, *, seed=0):
         return load("exact").solve(problem.without("jerk", "position"))
 
-    limits = Limits(
-        [1.0, 1.0],
-        [2.0, 2.0],
-        position=[[0.0, 1.0], [-1.0, 1.0]],
-    )
-    narrow = Problem(
-        [[0, 0], [1, -0.5], [0.4, 0.6]],
-        limits,
-        name="narrow",
-    )
+    limits = Limits([1.0, 1.0], [2.0, 2.0], position=[[0.0, 1.0], [-1.0, 1.0]])
+    narrow = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], limits, name="narrow")
     check_planner(careless, [narrow])
     careless.knows = ("velocity", "acceleration", "position")
     with pytest.raises(ContractError, match="on 'narrow': invalid"):

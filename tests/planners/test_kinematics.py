@@ -32,14 +32,10 @@ def robot(a, alpha, d, theta=(0, 0, 0, 0, 0, 0)) -> Robot:
 
 
 PUMA = robot(  # Craig's textbook; shoulder offset
-    a=[0, 0, 0.4318, 0.0203, 0, 0],
-    alpha=[0, -1, 0, -1, 1, -1],
-    d=[0, 0, 0.1244, 0.4318, 0, 0],
+    a=[0, 0, 0.4318, 0.0203, 0, 0], alpha=[0, -1, 0, -1, 1, -1], d=[0, 0, 0.1244, 0.4318, 0, 0]
 )
 OTHER_SIGNS = robot(
-    a=[0.1, 0.15, 0.6, 0.12, 0, 0],
-    alpha=[0.4, 1, 2, 1, -1, 3],
-    d=[0.3, 0.05, -0.02, -0.5, 0, 0.1],
+    a=[0.1, 0.15, 0.6, 0.12, 0, 0], alpha=[0.4, 1, 2, 1, -1, 3], d=[0.3, 0.05, -0.02, -0.5, 0, 0.1]
 )
 BACKWARDS = robot(
     a=[0, -0.2, -0.5, -0.1, 0, 0],
@@ -47,11 +43,7 @@ BACKWARDS = robot(
     d=[0, 0.1, 0, 0.4, 0, -0.2],
     theta=[1, 2, 3, 1, 2, 3],
 )
-EQUAL_LINKS = robot(
-    a=[0, 0, 0.5, 0.3, 0, 0],
-    alpha=[0, -1, 0, -1, 1, -1],
-    d=[0, 0, 0, 0.4, 0, 0.1],
-)
+EQUAL_LINKS = robot(a=[0, 0, 0.5, 0.3, 0, 0], alpha=[0, -1, 0, -1, 1, -1], d=[0, 0, 0, 0.4, 0, 0.1])
 ROBOTS = {
     "six-axis": SIX,
     "puma-560": PUMA,
@@ -101,28 +93,12 @@ def test_forward_agrees_with_pinocchio(arm):
 
 def test_the_zero_pose_of_table_1():
     pose = SIX.forward(np.zeros(6))
-    assert pose[:3, 3] == pytest.approx(
-        [
-            0.2 + 0.7156 + 0.256,
-            -0.0944,
-            -0.8455 - 0.0838,
-        ]
-    )
-    np.testing.assert_allclose(
-        pose[:3, :3],
-        np.diag([1, -1, -1]),
-        atol=1e-15,
-    )
+    assert pose[:3, 3] == pytest.approx([0.2 + 0.7156 + 0.256, -0.0944, -0.8455 - 0.0838])
+    np.testing.assert_allclose(pose[:3, :3], np.diag([1, -1, -1]), atol=1e-15)
 
 
 def test_a_robot_of_two_joints():
-    two = Robot(
-        [0, 1.0],
-        [0, 0],
-        [0, 0],
-        [0, 0],
-        [[-2, 2], [-1, 1]],
-    )
+    two = Robot([0, 1.0], [0, 0], [0, 0], [0, 0], [[-2, 2], [-1, 1]])
     pose = two.forward([QUARTER, 0.0])
     np.testing.assert_allclose(pose[:3, 3], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(two.nearest(pose), [QUARTER, 0.0], atol=1e-9)
@@ -173,16 +149,7 @@ def test_out_of_reach_says_how_far():
 
 def test_of_angles_a_turn_apart_the_one_in_range_nearest_to_the_previous_is_taken():
     wide = replace(SIX, joint_range=np.tile([-10.0, 10.0], (6, 1)))
-    turned = np.array(
-        [
-            0.2,
-            -0.3,
-            0.4,
-            0.5,
-            0.6,
-            0.7 + 2 * PI,
-        ]
-    )
+    turned = np.array([0.2, -0.3, 0.4, 0.5, 0.6, 0.7 + 2 * PI])
     pose = wide.forward(turned)
     np.testing.assert_allclose(wide.nearest(pose, turned + 0.1), turned, atol=1e-9)
 
@@ -228,12 +195,7 @@ def test_a_path_is_followed_without_jumps():
 
 def test_a_path_that_cannot_be_followed_names_its_pose():
     good = SIX.forward(TABLE2.waypoints)
-    far = np.concatenate(
-        [
-            good[:2],
-            good[2:3] + np.eye(4, k=3) * 5.0,
-        ]
-    )
+    far = np.concatenate([good[:2], good[2:3] + np.eye(4, k=3) * 5.0])
     with pytest.raises(InvalidInput, match="pose 3, metres outside"):
         cartesian_problem(SIX, far, TABLE2.limits)
     with pytest.raises(InvalidInput, match="start, joint 2 is nan"):

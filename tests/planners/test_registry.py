@@ -27,16 +27,7 @@ from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation, adapted, backend, passing_once
-from trajopt.planners.registry import (
-    GROUP,
-    Entry,
-    configured,
-    entries,
-    label,
-    load,
-    options,
-    parse,
-)
+from trajopt.planners.registry import GROUP, Entry, configured, entries, label, load, options, parse
 from trajopt.planners.swarm_planner import SwarmPlanner, Unoptimised
 from trajopt.planners.testing import ContractError
 
@@ -93,28 +84,15 @@ class Picky(Planner):
 def test_what_a_planner_refuses_it_does_not_solve_when_called_directly_either():
     three = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [1.0]))
     two = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
-    refused = [
-        Picky().solve(three, seed=4),
-        *Picky().solve_batch(three, [1, 2]),
-    ]
+    refused = [Picky().solve(three, seed=4), *Picky().solve_batch(three, [1, 2])]
     assert [(s.status, s.message) for s in refused] == [(Status.UNSUPPORTED, "three waypoints")] * 3
-    answered = [
-        Picky().solve(two, seed=4),
-        *Picky().solve_batch(two, [1, 2]),
-    ]
+    answered = [Picky().solve(two, seed=4), *Picky().solve_batch(two, [1, 2])]
     assert [s.message for s in answered] == ["seed 4", "seed 1", "seed 2"]
     assert Picky.solve.__name__ == "solve"
 
 
 def test_every_planner_of_ours_says_what_it_refuses_instead_of_failing_in_numpy():
-    two = Problem(
-        [[0.0, 0.0], [1.0, 0.5]],
-        Limits(
-            [1.0, 1.0],
-            [1.0, 1.0],
-            [9.0, 9.0],
-        ),
-    )
+    two = Problem([[0.0, 0.0], [1.0, 0.5]], Limits([1.0, 1.0], [1.0, 1.0], [9.0, 9.0]))
     for name, entry in entries().items():
         planner = entry.load()
         reason = planner.unsupported(two)
@@ -141,14 +119,7 @@ def test_what_a_planner_need_not_say_has_a_default():
     assert (planner.stochastic, planner.on_request, planner.requires) == (False, False, ())
     assert planner.description == "First line."
     assert not planner.batched
-    timed = planner.along(
-        problem,
-        Trajectory(
-            [0, 1],
-            np.ones((1, 1, 1)),
-            [0, 1],
-        ),
-    )
+    timed = planner.along(problem, Trajectory([0, 1], np.ones((1, 1, 1)), [0, 1]))
     assert timed.status is Status.UNSUPPORTED
 
 
@@ -296,27 +267,9 @@ def test_text_becomes_what_the_annotation_says(key, given, value):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        *(
-            ("steps", 1.0),
-            ("steps", None),
-            ("steps", True),
-            ("factor", "x"),
-            ("factor", False),
-        ),
-        *(
-            ("careful", 0),
-            ("level", 3),
-            ("level", "none"),
-            ("shape", "square"),
-            ("shape", 7),
-        ),
-        *(
-            ("weight", "heavy"),
-            ("weight", True),
-            ("note", 5),
-            ("inner", "x"),
-            ("nothing", 1),
-        ),
+        *(("steps", 1.0), ("steps", None), ("steps", True), ("factor", "x"), ("factor", False)),
+        *(("careful", 0), ("level", 3), ("level", "none"), ("shape", "square"), ("shape", 7)),
+        *(("weight", "heavy"), ("weight", True), ("note", 5), ("inner", "x"), ("nothing", 1)),
     ],
 )
 def test_what_the_annotation_forbids_is_refused(key, value):
@@ -334,7 +287,7 @@ def test_configuring_leaves_the_original_and_the_rest_alone():
 
 def test_options_are_listed_flat():
     assert list(options(Straight())) == [
-        *("steps", "factor", "careful", "note", "remark", "level", "shape", "weight"),
+        *("steps", "factor", "careful", "note", "remark", "level", "shape", "weight")
     ]
 
 
@@ -444,17 +397,7 @@ def test_listing_imports_no_backend():
 
 
 def test_a_waypoint_given_twice_is_passed_once():
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [1.0],
-            [1.0],
-            [3.0],
-            [3.0],
-        ],
-        Limits([9.0], [9.0]),
-    )
+    problem = Problem([[0.0], [1.0], [1.0], [1.0], [3.0], [3.0]], Limits([9.0], [9.0]))
     solution = Straight().solve(problem, seed=5)
     assert solution.trajectory.waypoint_times.tolist() == [0, 1, 1, 1, 2, 2]
     assert len(solution.trajectory.breaks) == 3
@@ -522,16 +465,7 @@ def test_the_message_of_an_invalid_input_counts_joints_from_one():
 
 
 def test_the_fixed_times_are_two_seconds_each():
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [1.0],
-            [2.0],
-            [3.0],
-        ],
-        Limits([9.0], [9.0]),
-    )
+    problem = Problem([[0.0], [1.0], [1.0], [2.0], [3.0]], Limits([9.0], [9.0]))
     solution = Unoptimised().solve(problem)
     assert solution.trajectory.waypoint_times.tolist() == [0, 2, 2, 4, 6]
     assert Unoptimised().unsupported(Problem([[0.0], [1.0]], Limits([9.0], [9.0])))

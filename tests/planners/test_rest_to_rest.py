@@ -64,13 +64,7 @@ def test_asymmetric_trapezoids_by_hand(h, velocity, acceleration, time):
 
 
 @reproducible
-@given(
-    st.floats(-1e3, 1e3).filter(bool),
-    positive,
-    positive,
-    positive,
-    positive,
-)
+@given(st.floats(-1e3, 1e3).filter(bool), positive, positive, positive, positive)
 def test_the_trapezoid_covers_the_distance_at_its_limits(h, v1, v2, a1, a2):
     """Integrated anew: the fastest profile of that duration covers exactly that distance."""
     time = one(h, Limits([[-v1, v2]], [[-a1, a2]]))
@@ -155,37 +149,17 @@ def test_ever_stiffer_jerk_tends_to_the_trapezoid_from_above(h, v, a):
 
 
 @reproducible
-@given(
-    st.floats(1e-3, 1e3),
-    positive,
-    positive,
-    positive,
-    st.floats(1e-3, 1e3),
-)
+@given(st.floats(1e-3, 1e3), positive, positive, positive, st.floats(1e-3, 1e3))
 def test_limits_and_times_scale(h, v, a, j, c):
     slow = seven(h, v, a, j)
-    fast = seven(
-        h,
-        v * c,
-        a * c**2,
-        j * c**3,
-    )
+    fast = seven(h, v * c, a * c**2, j * c**3)
     assert fast == pytest.approx(slow / c, rel=1e-9)
-    longer = seven(
-        h * c,
-        v * c,
-        a * c,
-        j * c,
-    )
+    longer = seven(h * c, v * c, a * c, j * c)
     assert longer == pytest.approx(slow, rel=1e-9)
 
 
 def test_asymmetric_limits_with_jerk_count_at_their_tighter_side():
-    limits = Limits(
-        [[-3, 2]],
-        [[-1, 4]],
-        [[-5, 9]],
-    )
+    limits = Limits([[-3, 2]], [[-1, 4]], [[-5, 9]])
     assert one(7, limits) == pytest.approx(by_phases(7, 2, 1, 5), rel=1e-9)
     assert one(-7, limits) == pytest.approx(by_phases(7, 2, 1, 5), rel=1e-9)
     one_sided = Limits([1.0], [1.0], [[-inf, 1]])
@@ -193,53 +167,24 @@ def test_asymmetric_limits_with_jerk_count_at_their_tighter_side():
 
 
 def test_every_segment_takes_its_slowest_joint_with_or_without_jerk():
-    limits = Limits(
-        [1, 1, 1],
-        [2, 1, 1],
-        [inf, 1, inf],
-    )
-    problem = Problem(
-        [
-            [0, 0, 0],
-            [1.5, 0, 0],
-            [1.5, 2, 0],
-            [3, 4, 8],
-            [3, 4, 8],
-        ],
-        limits,
-    )
+    limits = Limits([1, 1, 1], [2, 1, 1], [inf, 1, inf])
+    problem = Problem([[0, 0, 0], [1.5, 0, 0], [1.5, 2, 0], [3, 4, 8], [3, 4, 8]], limits)
     # 1.5/1 + 1/2; 4 by jerk; max(2, 4, 8 + 1); and nothing at all.
     np.testing.assert_allclose(stop_times(problem), [2, 4, 9, 0], rtol=1e-12)
 
 
 def test_no_distance_takes_no_time():
-    for limits in (
-        Limits([2.0], [3.0]),
-        Limits(
-            [2.0],
-            [3.0],
-            [4.0],
-        ),
-    ):
+    for limits in (Limits([2.0], [3.0]), Limits([2.0], [3.0], [4.0])):
         problem = Problem([[1.0], [1.0], [2.0]], limits)
         assert stop_times(problem)[0] == 0
     zero = np.zeros(1)
     assert seven_phase(zero, *np.ones((3, 1))).tolist() == [0]
-    assert trapezoidal(
-        zero,
-        np.array([[-1.0, 1]]),
-        np.array([[-1.0, 1]]),
-    ).tolist() == [0]
+    assert trapezoidal(zero, np.array([[-1.0, 1]]), np.array([[-1.0, 1]])).tolist() == [0]
 
 
 def test_batches_of_segments_give_each_its_own():
     h = np.array([[2.0, -1], [0, 5], [1e-3, 300]])
-    times = seven_phase(
-        np.abs(h),
-        np.array([1.0, 2]),
-        np.array([3.0, 4]),
-        np.array([5.0, 6]),
-    )
+    times = seven_phase(np.abs(h), np.array([1.0, 2]), np.array([3.0, 4]), np.array([5.0, 6]))
     expected = np.zeros_like(h)
     for segment, joint in np.argwhere(h != 0):
         own = [(1, 3, 5), (2, 4, 6)][joint]
@@ -250,19 +195,11 @@ def test_batches_of_segments_give_each_its_own():
 def test_the_cubic_root_law_of_small_steps():
     """Far from the other limits, eight times the distance takes twice the time."""
     times = [seven(h, 1e6, 1e6, 2.0) for h in (1e-3, 8e-3, 64e-3)]
-    np.testing.assert_allclose(
-        times,
-        4 * cbrt(1e-3 / 4) * np.array([1, 2, 4]),
-        rtol=1e-12,
-    )
+    np.testing.assert_allclose(times, 4 * cbrt(1e-3 / 4) * np.array([1, 2, 4]), rtol=1e-12)
 
 
 def test_the_end_to_end_bound_of_two_waypoints_is_the_stopping_time() -> None:
-    limits = Limits(
-        [2.0, 3.0],
-        [1.0, [-2.0, 4.0]],
-        jerk=[5.0, np.inf],
-    )
+    limits = Limits([2.0, 3.0], [1.0, [-2.0, 4.0]], jerk=[5.0, np.inf])
     problem = Problem([[0.0, 1.0], [4.0, -2.0]], limits)
     assert end_to_end_bound(problem) == pytest.approx(stop_times(problem).sum(), rel=1e-9)
 

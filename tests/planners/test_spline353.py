@@ -75,14 +75,7 @@ def test_coefficients_solve_the_papers_system(seed):
 
 
 @pytest.mark.parametrize(
-    ("of_d", "of_t"),
-    [
-        ((), ()),
-        ((5,), ()),
-        ((), (4,)),
-        ((6,), (6,)),
-        ((2, 1, 6), (3, 1)),
-    ],
+    ("of_d", "of_t"), [((), ()), ((5,), ()), ((), (4,)), ((6,), (6,)), ((2, 1, 6), (3, 1))]
 )
 def test_every_batch_shape_gives_each_members_own_numbers(of_d, of_t):
     rng = np.random.default_rng(0)
@@ -103,11 +96,7 @@ def test_uses_in_a_batch_are_those_of_each_alone(exact_above):
     rng = np.random.default_rng(1)
     d = rng.normal(size=(3, 3))
     t = rng.uniform(0.1, 3, (7, 4, 1, 3))
-    limits = Limits(
-        [1, [-2, 3], 1],
-        [3, [-1, 4], 2],
-        [[-9, 3], INF, 5],
-    )
+    limits = Limits([1, [-2, 3], 1], [3, [-1, 4], 2], [[-9, 3], INF, 5])
     batch = np.stack(spline353.limit_use(d, t, limits, exact_above))
     assert batch.shape == (3, 7, 4, 3)
     for i in np.ndindex(7, 4):
@@ -159,24 +148,12 @@ def test_the_verifier_finds_the_same_peaks_by_another_way(spread, seed):
 
 @pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("segment", [0, 1, 2])
-@pytest.mark.parametrize(
-    "d",
-    [
-        (1, 0.5, 0.3),
-        (1, -0.5, 0.3),
-        (0, 1, 0),
-        (1, 0, -1),
-    ],
-)
+@pytest.mark.parametrize("d", [(1, 0.5, 0.3), (1, -0.5, 0.3), (0, 1, 0), (1, 0, -1)])
 def test_one_segment_much_shorter_or_longer_than_the_others(ratio, segment, d):
     """Peaks of a degenerate spline, against dense samples of both ends and the middle."""
     t = np.ones(3)
     t[segment] = ratio
-    v, a, j = spline353.limit_use(
-        [d],
-        t,
-        Limits([1.0], [1.0], [1.0]),
-    )
+    v, a, j = spline353.limit_use([d], t, Limits([1.0], [1.0], [1.0]))
     near_start = np.geomspace(1e-12, 1, 2000)
     s = np.concatenate([np.linspace(0, 1, 4001), near_start, 1 - near_start])
     quintic = spline353.Quintic.of(np.array(d, dtype=float), t)
@@ -190,11 +167,7 @@ def test_one_segment_much_shorter_or_longer_than_the_others(ratio, segment, d):
     assert np.isfinite(j).all()
 
 
-NEARLY_ONE = [
-    1.0,
-    *(1 + 10.0**-e for e in range(2, 16)),
-    *(1 - 10.0**-e for e in range(2, 16)),
-]
+NEARLY_ONE = [1.0, *(1 + 10.0**-e for e in range(2, 16)), *(1 - 10.0**-e for e in range(2, 16))]
 
 
 @pytest.mark.parametrize("factor", NEARLY_ONE)
@@ -204,11 +177,7 @@ def test_peaks_where_the_accelerations_leading_coefficient_all_but_vanishes(fact
     One root of the cubic runs away there; the others still hold the peak velocity.
     """
     h = 4 * factor
-    found, _, _ = spline353.limit_use(
-        [[1.0, h, 1.0]],
-        np.ones(3),
-        Limits([1.0], [1.0]),
-    )
+    found, _, _ = spline353.limit_use([[1.0, h, 1.0]], np.ones(3), Limits([1.0], [1.0]))
     assert found[0] == pytest.approx((30 * h - 48) / 16, rel=1e-13)
 
 
@@ -267,11 +236,7 @@ def test_a_mirrored_motion_swaps_its_limits(seed):
     "limits",
     [
         Limits([6.0], [3.0], [6.0]),
-        Limits(
-            [[-0.1, 6]],
-            [[-12, 3]],
-            [[-60, 6]],
-        ),
+        Limits([[-0.1, 6]], [[-12, 3]], [[-60, 6]]),
         Limits([6.0], [3.0], [[-INF, 6]]),
         Limits([6.0], [3.0]),
     ],
@@ -293,13 +258,7 @@ def test_peaks_by_hand(limits):
 
 @pytest.mark.parametrize("factor", [1e-3, 1, 1e3])
 @pytest.mark.parametrize(
-    ("high", "expected"),
-    [
-        (1.0, 1 / 8),
-        (1.125 + 1e-9, 0.0),
-        (0.5, 5 / 8),
-        (INF, 0.0),
-    ],
+    ("high", "expected"), [(1.0, 1 / 8), (1.125 + 1e-9, 0.0), (0.5, 5 / 8), (INF, 0.0)]
 )
 def test_the_peak_position_by_hand(factor, high, expected):
     """With t = 1 and d = (1, 0, −1): 3 s + 3 s² − 12 s³ + 6 s⁴, whose peak is 9/8 at s = 1/2."""
@@ -333,11 +292,7 @@ def test_position_excess_is_that_of_the_samples(seed):
 
 def touching(waypoints) -> Problem:
     """The first joint must stay within [0, 1]; the second is free."""
-    limits = Limits(
-        [2.0, 2.0],
-        [5.0, 5.0],
-        position=[[0, 1], [-INF, INF]],
-    )
+    limits = Limits([2.0, 2.0], [5.0, 5.0], position=[[0, 1], [-INF, INF]])
     return Problem([[x, row] for row, x in enumerate(waypoints)], limits)
 
 
@@ -375,13 +330,7 @@ def test_some_times_keep_the_position_limits(waypoints):
 def test_a_limit_passed_at_speed_is_infeasible(waypoints):
     problem = touching(waypoints)
     assert "joint 1 is at its limit at waypoint" in spline353.infeasible(problem)
-    ratios = np.exp(
-        np.random.default_rng(0).uniform(
-            -8,
-            8,
-            (4000, 1, 3),
-        )
-    )
+    ratios = np.exp(np.random.default_rng(0).uniform(-8, 8, (4000, 1, 3)))
     room = spline353.position_room(problem)
     excess = spline353.position_excess(problem.displacements.T, ratios, room)
     assert (excess[:, 0] > 0).all()
@@ -398,11 +347,7 @@ def test_the_waypoint_passed_at_its_limit_is_named_as_the_problem_counts():
 
 def test_a_resting_joint_uses_nothing():
     times = np.array([[1e-3, 1, 50.0]])
-    for use in spline353.limit_use(
-        np.zeros((2, 3)),
-        times,
-        Limits([1, 2], [1, 2], [3, 4]),
-    ):
+    for use in spline353.limit_use(np.zeros((2, 3)), times, Limits([1, 2], [1, 2], [3, 4])):
         assert use.tolist() == [0, 0]
 
 
@@ -430,52 +375,23 @@ def test_the_trajectory_passes_every_waypoint_and_is_twice_continuously_differen
 
 
 @pytest.mark.parametrize(
-    "times",
-    [
-        [1, 1],
-        [[1, 1, 1]],
-        [1, 0, 1],
-        [1, -1, 1],
-        [1, np.nan, 1],
-        [1, 1, np.inf],
-        1.0,
-        [],
-    ],
+    "times", [[1, 1], [[1, 1, 1]], [1, 0, 1], [1, -1, 1], [1, np.nan, 1], [1, 1, np.inf], 1.0, []]
 )
 def test_only_three_positive_times(times):
-    four = Problem(
-        [
-            [0.0],
-            [1.0],
-            [2.0],
-            [3.0],
-        ],
-        Limits([1.0], [1.0]),
-    )
+    four = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [1.0]))
     with pytest.raises(InvalidInput, match="three positive segment times"):
         spline353.trajectory(four, times)
 
 
 @pytest.mark.parametrize(
-    ("waypoints", "count"),
-    [
-        ([0, 1], 2),
-        ([0, 1, 2, 3, 4], 5),
-        ([0, 1, 1, 2], 3),
-    ],
+    ("waypoints", "count"), [([0, 1], 2), ([0, 1, 2, 3, 4], 5), ([0, 1, 1, 2], 3)]
 )
 def test_other_numbers_of_waypoints_are_unsupported(waypoints, count):
     problem = Problem([[float(x)] for x in waypoints], Limits([1.0], [1.0]))
     assert f"this has {count}" in spline353.unsupported(problem)
 
 
-@pytest.mark.parametrize(
-    "waypoints",
-    [
-        [0, 1, 2, 3],
-        [0, 0, 0, 1, 2, 2, 0, 0],
-    ],
-)
+@pytest.mark.parametrize("waypoints", [[0, 1, 2, 3], [0, 0, 0, 1, 2, 2, 0, 0]])
 def test_four_waypoints_once_merged_are_supported(waypoints):
     problem = Problem([[float(x)] for x in waypoints], Limits([1.0], [1.0]))
     assert spline353.unsupported(problem) is None

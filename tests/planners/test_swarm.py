@@ -28,13 +28,7 @@ def search(optimiser, runs, **budget):
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e3])
-@pytest.mark.parametrize(
-    "centre",
-    [
-        [0.3, 1.7, 3.2, 2.0],
-        [0.05, 0.05, 3.95, 0.05],
-    ],
-)
+@pytest.mark.parametrize("centre", [[0.3, 1.7, 3.2, 2.0], [0.05, 0.05, 3.95, 0.05]])
 def test_pso_finds_the_centre_of_every_ellipsoid(scale, centre):
     axes = scale ** (np.arange(4) / 3)
     result = minimise(
@@ -74,25 +68,12 @@ def test_a_run_gives_the_same_bits_in_another_process():
 
 
 def test_different_seeds_give_different_runs():
-    result = minimise(
-        SSA(),
-        sphere,
-        LOW,
-        HIGH,
-        [*range(9), SeedSequence(99)],
-        iterations=3,
-    )
+    result = minimise(SSA(), sphere, LOW, HIGH, [*range(9), SeedSequence(99)], iterations=3)
     assert len(np.unique(result.fitness)) == 10
 
 
 def test_issa_with_everything_off_is_ssa():
-    assert digest(search(PLAIN, 4, iterations=150)) == digest(
-        search(
-            SSA(),
-            4,
-            iterations=150,
-        )
-    )
+    assert digest(search(PLAIN, 4, iterations=150)) == digest(search(SSA(), 4, iterations=150))
 
 
 @pytest.mark.parametrize("change", ["chaos", "levy", "weight", "opposition"])
@@ -104,14 +85,7 @@ def test_each_change_of_issa_matters(change):
 
 @pytest.mark.parametrize(
     ("optimiser", "each"),
-    [
-        (PSO(), 30),
-        (SSA(), 33),
-        (ISSA(), 36),
-        (PLAIN, 33),
-        (SSA(vigilantes=0.2), 36),
-        (PSO(9), 9),
-    ],
+    [(PSO(), 30), (SSA(), 33), (ISSA(), 36), (PLAIN, 33), (SSA(vigilantes=0.2), 36), (PSO(9), 9)],
 )
 @pytest.mark.parametrize("iterations", [0, 1, 7])
 def test_evaluations_are_what_was_asked_of_the_objective(optimiser, each, iterations):
@@ -177,20 +151,8 @@ def test_history_and_best_are_those_of_the_recorded_candidates(optimiser):
     "optimiser", [*ALL, PSO(rebound=-1.0), SSA(eq41="printed", boundary="reflect")]
 )
 def test_every_candidate_is_in_its_runs_own_box(optimiser):
-    low = np.array(
-        [
-            [0, 0, 0],
-            [-3, 1e-3, 5],
-            [1, 1, 1.0],
-        ]
-    )
-    high = low + np.array(
-        [
-            [4, 4, 4],
-            [1, 1e-2, 1e3],
-            [1e-6, 1, 1e6],
-        ]
-    )
+    low = np.array([[0, 0, 0], [-3, 1e-3, 5], [1, 1, 1.0]])
+    high = low + np.array([[4, 4, 4], [1, 1e-2, 1e3], [1e-6, 1, 1e6]])
     objective = Recorded()
     minimise(optimiser, objective, low, high, range(3), iterations=150)
     x = np.concatenate(objective.x, axis=1)
@@ -200,21 +162,8 @@ def test_every_candidate_is_in_its_runs_own_box(optimiser):
 
 
 def test_reflection_mirrors_as_often_as_it_takes():
-    x = np.array(
-        [
-            -0.25,
-            0.4,
-            1.25,
-            2.5,
-            -7.25,
-            np.inf,
-        ]
-    )[None, :, None]
-    mirrored = Box.of(
-        [0.0],
-        [1.0],
-        1,
-    ).reflect(x)[0, :, 0]
+    x = np.array([-0.25, 0.4, 1.25, 2.5, -7.25, np.inf])[None, :, None]
+    mirrored = Box.of([0.0], [1.0], 1).reflect(x)[0, :, 0]
     np.testing.assert_allclose(mirrored, [0.25, 0.4, 0.75, 0.5, 0.75, np.nan])
 
 
@@ -230,11 +179,7 @@ class FirstIteration:
         self.drawn.uniform(30, 3)
         search = ssa.search(box, Streams(range(runs)), t_max)
         self.x = next(search)
-        self.x[:] = np.random.default_rng(5).uniform(
-            0,
-            4,
-            self.x.shape,
-        )
+        self.x[:] = np.random.default_rng(5).uniform(0, 4, self.x.shape)
         self.f = np.tile(1 + np.arange(30) / 100, (runs, 1))
         worse = np.full_like(self.f, 9.0)
         self.discovered = search.send(self.f).x
@@ -266,11 +211,7 @@ def test_equation_40_sparrow_by_sparrow():
         best = first.x[run, 0]
         worst = first.x[run, -1]
         i = 7 + row
-        A = np.where(
-            coin[run, row] < 0.5,
-            -1.0,
-            1.0,
-        )[None]
+        A = np.where(coin[run, row] < 0.5, -1.0, 1.0)[None]
         step = np.abs(x - best)[None] @ np.linalg.pinv(A) @ np.ones((1, 3))
         expected = best + step[0]
         if i > 15:
@@ -318,25 +259,10 @@ def test_chaotic_map_stays_in_the_unit_square(reading, a):
 
 def test_chaotic_map_at_points_where_it_is_known():
     quarter = 4 * 0.9 * 0.25 * 0.75 + 0.1 * np.sin(pi / 2)
-    x, y = chaotic_map(
-        np.array([0.25, 0.5]),
-        np.array([0.5, 0.0]),
-        0.9,
-    )
-    np.testing.assert_allclose(
-        x,
-        [
-            np.sin(pi * quarter),
-            np.sin(0.9 * pi),
-        ],
-    )
+    x, y = chaotic_map(np.array([0.25, 0.5]), np.array([0.5, 0.0]), 0.9)
+    np.testing.assert_allclose(x, [np.sin(pi * quarter), np.sin(0.9 * pi)])
     np.testing.assert_allclose(y[1], np.sin(pi * 0.1 * np.sin(pi * np.sin(0.9 * pi))))
-    x, y = chaotic_map(
-        np.array([0.5]),
-        np.array([0.5]),
-        0.9,
-        "printed",
-    )
+    x, y = chaotic_map(np.array([0.5]), np.array([0.5]), 0.9, "printed")
     np.testing.assert_allclose(x, np.sin(pi * 0.9 + 0.1))
     np.testing.assert_allclose(y, np.sin(pi * 0.9 + 0.1 * np.sin(pi * x**2)))
 

@@ -59,18 +59,8 @@ def sampled_peaks(problem, times, samples=101):
 
     zero = np.zeros(problem.joints)
     q0, q1, q2, q3 = problem.waypoints
-    system = [
-        (row(0, 0, 0), q0),
-        (row(0, 0, 1), zero),
-        (row(0, 0, 2), zero),
-        (row(0, t1, 0), q1),
-    ]
-    system += [
-        (row(1, 0, 0), q1),
-        (row(1, t2, 0), q2),
-        (row(2, 0, 0), q2),
-        (row(2, t3, 0), q3),
-    ]
+    system = [(row(0, 0, 0), q0), (row(0, 0, 1), zero), (row(0, 0, 2), zero), (row(0, t1, 0), q1)]
+    system += [(row(1, 0, 0), q1), (row(1, t2, 0), q2), (row(2, 0, 0), q2), (row(2, t3, 0), q3)]
     system += [(row(2, t3, order), zero) for order in (1, 2)]
     system += [(row(0, t1, order) - row(1, 0, order), zero) for order in (1, 2)]
     system += [(row(1, t2, order) - row(2, 0, order), zero) for order in (1, 2)]
@@ -236,27 +226,9 @@ def test_position_limits_are_kept(optimiser, worst, fitness):
 
 def test_what_leaves_a_position_limit_ranks_behind_what_keeps_all():
     """Equal times go 1/8 beyond a limit at 2 (by hand: tests/test_spline353.py)."""
-    limits = Limits(
-        [4.0, 1e3],
-        [12.0, 1e4],
-        position=[[-1.0, 2.0], [-np.inf, np.inf]],
-    )
-    problem = Problem(
-        [
-            [0.0, 0.0],
-            [1.0, 1.0],
-            [1.0, 2.0],
-            [0.0, 3.0],
-        ],
-        limits,
-    )
-    points = np.array(
-        [
-            [1.0, 1.0, 1.0],
-            [1.1, 1.1, 1.1],
-            [1.0, 0.5, 1.0],
-        ]
-    )
+    limits = Limits([4.0, 1e3], [12.0, 1e4], position=[[-1.0, 2.0], [-np.inf, np.inf]])
+    problem = Problem([[0.0, 0.0], [1.0, 1.0], [1.0, 2.0], [0.0, 3.0]], limits)
+    points = np.array([[1.0, 1.0, 1.0], [1.1, 1.1, 1.1], [1.0, 0.5, 1.0]])
     free, _ = probed(problem.without("position"), points)
     np.testing.assert_allclose(free[:2], [3.0, 3.3])
     for fitness in ("penalty", "scaled"):

@@ -70,25 +70,12 @@ class OneJointStops(Planner):
                 (ramp, -a, a * ramp),
             ]:
                 if length > 1e-12:
-                    pieces.append(
-                        [
-                            np.sign(h) * acceleration / 2,
-                            np.sign(h) * speed,
-                            q,
-                        ]
-                    )
+                    pieces.append([np.sign(h) * acceleration / 2, np.sign(h) * speed, q])
                     q += np.sign(h) * (acceleration / 2 * length + speed) * length
                     breaks.append(breaks[-1] + length)
         stops = stop_times(problem.without("jerk"))  # which it does not know
         times = np.r_[0, np.cumsum(stops)]
-        return Solution(
-            Status.SOLVED,
-            Trajectory(
-                breaks,
-                np.array(pieces).T[..., None],
-                times,
-            ),
-        )
+        return Solution(Status.SOLVED, Trajectory(breaks, np.array(pieces).T[..., None], times))
 
 
 def test_the_little_planner_takes_the_closed_forms_time():
@@ -290,12 +277,7 @@ class TooFewTimes(Quintic):
     def solve(self, problem, *, seed=0):
         t = super().solve(problem).trajectory
         return Solution(
-            Status.SOLVED,
-            Trajectory(
-                t.breaks,
-                t.coefficients,
-                t.waypoint_times[[0, 0, -1]],
-            ),
+            Status.SOLVED, Trajectory(t.breaks, t.coefficients, t.waypoint_times[[0, 0, -1]])
         )
 
 
@@ -304,12 +286,7 @@ class FirstJointOnly(Quintic):
     def solve(self, problem, *, seed=0):
         t = super().solve(problem).trajectory
         return Solution(
-            Status.SOLVED,
-            Trajectory(
-                t.breaks,
-                t.coefficients[..., :1],
-                t.waypoint_times,
-            ),
+            Status.SOLVED, Trajectory(t.breaks, t.coefficients[..., :1], t.waypoint_times)
         )
 
 

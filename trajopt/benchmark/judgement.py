@@ -221,12 +221,7 @@ def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
 def _check_joints(motion: Motion, joints: int) -> None:
     own = motion.trajectory.joints
     if own != joints:
-        raise InvalidInput(
-            "joints",
-            f"{joints}, as the problem has",
-            value=own,
-            file=motion.name,
-        )
+        raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
 
 
 def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
@@ -238,11 +233,7 @@ def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
         raise InvalidInput("via_tolerance", right, value=via_tolerance)
 
 
-def _as_passed(
-    problem: Problem,
-    trajectory: Trajectory,
-    via_tolerance: float,
-) -> Problem:
+def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -> Problem:
     """The problem through the points that the motion passes, where they are within tolerance.
 
     Within its position limits too: a waypoint outside would be no problem's.
@@ -253,11 +244,7 @@ def _as_passed(
     miss = np.abs(passed - problem.waypoints).max(axis=1)
     moved = np.where(miss[:, None] <= via_tolerance, inside, problem.waypoints)
     tolerance = f"{via_tolerance:g} {problem.shared_unit()}"
-    return replace(
-        problem,
-        waypoints=moved,
-        name=f"{problem.name}, as passed within {tolerance}",
-    )
+    return replace(problem, waypoints=moved, name=f"{problem.name}, as passed within {tolerance}")
 
 
 def as_executed(
@@ -366,12 +353,7 @@ class GivenMotion(Planner):
 
     knows = ("velocity", "acceleration", "jerk", "position")
 
-    def solve(
-        self,
-        problem: Problem,
-        *,
-        seed: int = 0,
-    ) -> Solution:
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the motion with the times at which it comes closest to the waypoints, in order."""
         own = self.motion.for_joints(problem.joint_names)
         return Solution(Status.SOLVED, passing(problem, own.trajectory))
@@ -388,10 +370,7 @@ class GivenMotion(Planner):
         return None
 
     def options(self) -> dict[str, Any]:
-        return {
-            "interpolation": self.motion.interpolation,
-            "digest": self.motion.digest(),
-        }
+        return {"interpolation": self.motion.interpolation, "digest": self.motion.digest()}
 
     def defaults(self) -> dict[str, Any]:
         return self.options()

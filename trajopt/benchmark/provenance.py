@@ -32,11 +32,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from importlib.machinery import SourceFileLoader
-from importlib.metadata import (
-    PackageNotFoundError,
-    distribution,
-    version,
-)
+from importlib.metadata import PackageNotFoundError, distribution, version
 from numbers import Integral, Real
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType

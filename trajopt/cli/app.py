@@ -44,10 +44,7 @@ _COMMANDS = {
         "suite:app",
         "List benchmark suites, show their problems, write them as problem files.",
     ),
-    "new": (
-        "new:new",
-        "Write a commented problem file to start from.",
-    ),
+    "new": ("new:new", "Write a commented problem file to start from."),
     "plan": (
         "plan:plan",
         "Run one planner on one problem and verify its answer.\n\n"
@@ -67,14 +64,8 @@ _COMMANDS = {
         "judge:judge",
         "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
     ),
-    "certify": (
-        "certify:certify",
-        "Prove a lower bound on the minimum time.",
-    ),
-    "claims": (
-        "claims:claims",
-        "Judge the times that were published for a problem.",
-    ),
+    "certify": ("certify:certify", "Prove a lower bound on the minimum time."),
+    "claims": ("claims:claims", "Judge the times that were published for a problem."),
     "best-known": (
         "best_known:app",
         "List, check and improve the best known motion of every suite problem.",
@@ -83,34 +74,24 @@ _COMMANDS = {
         "verify:verify",
         "Verify every stored trajectory anew, from the file alone; or a motion within --limits.",
     ),
-    "export": (
-        "export:export",
-        "Write the trials of a folder for other tools.",
-    ),
+    "export": ("export:export", "Write the trials of a folder for other tools."),
     "report": (
         "report:report",
         "Write one self-contained, interactive page about all trials of one or several folders.",
     ),
-    "diff": (
-        "diff:diff",
-        "Show which median durations moved between two results.",
-    ),
+    "diff": ("diff:diff", "Show which median durations moved between two results."),
 }
 # Advice for an argument too many, by command.
 _FURTHER = {
     "verify": (
         "; limits go behind --limits (joint_limits.yaml, a problem file, a robot's name), and "
         "`trajopt judge MOTION PROBLEM` judges by waypoints too"
-    ),
+    )
 }
 for _name, (_target, _help) in _COMMANDS.items():
-    app.command(
-        f"trajopt.cli.{_target}",
-        name=_name,
-        help=_help,
-    )
+    app.command(f"trajopt.cli.{_target}", name=_name, help=_help)
 app.register_install_completion_command(
-    help="Make the shell complete commands and options (bash, zsh, fish).",
+    help="Make the shell complete commands and options (bash, zsh, fish)."
 )
 
 
@@ -145,17 +126,10 @@ def _run(arguments: list[str] | None) -> int:
     """The command's exit code; warnings of this package are a line each on standard error."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", UnitWarning)
-        warnings.filterwarnings(
-            "always",
-            category=UserWarning,
-            module="trajopt",
-        )
+        warnings.filterwarnings("always", category=UserWarning, module="trajopt")
         warnings.showwarning = _show_warning
         code: int = app(
-            arguments,
-            exit_on_error=False,
-            print_error=False,
-            result_action="return_value",
+            arguments, exit_on_error=False, print_error=False, result_action="return_value"
         )
     console.show_held()
     return code
@@ -176,11 +150,7 @@ def _show_warning(
         console.note(f"warning: {message}")
     elif not issubclass(category, RuntimeWarning):  # NumPy's: what overflows the verifier refuses
         text = warnings.formatwarning(message, category, filename, lineno, line)
-        print(
-            text,
-            end="",
-            file=file or sys.stderr,
-        )
+        print(text, end="", file=file or sys.stderr)
 
 
 def _words(error: Exception) -> str:

@@ -44,8 +44,7 @@ class Robot:
     limits: Path | None = None
     unit: str | None = None
     acceleration: Annotated[
-        float | None,
-        number("Acceleration limit of joints without one, rad/s^2 (m/s^2).", above=0),
+        float | None, number("Acceleration limit of joints without one, rad/s^2 (m/s^2).", above=0)
     ] = None
 
     @property
@@ -89,12 +88,7 @@ def problems(names: Sequence[str], robot: Robot) -> list[Problem]:
     return [problem(name, own, scaled=True) for name, own in flags.items()]
 
 
-def problem(
-    name_or_path: str,
-    robot: Robot = NO_FLAGS,
-    *,
-    scaled: bool = False,
-) -> Problem:
+def problem(name_or_path: str, robot: Robot = NO_FLAGS, *, scaled: bool = False) -> Problem:
     """Return a problem by its built-in name, its file, or as waypoints with a robot.
 
     Args:

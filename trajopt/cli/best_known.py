@@ -265,11 +265,7 @@ def _of_motion(
     return Candidate(own, by, judged.trajectory)
 
 
-def _refuse_options_of_motions(
-    problem: str | None,
-    method: str | None,
-    interpolation: str,
-) -> None:
+def _refuse_options_of_motions(problem: str | None, method: str | None, interpolation: str) -> None:
     """Refuse the options of motion files for stored trials."""
     given = {"PROBLEM": problem, "--method": method}
     if interpolation != "auto":

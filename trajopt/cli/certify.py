@@ -34,11 +34,7 @@ def certify(
         family: Any trajectory, or the 3-5-3 spline with shared times.
     """
     loaded = asked.problem(problem, robot, scaled=True)
-    options = {
-        "family": family,
-        "within": within,
-        "time_limit": time_limit,
-    }
+    options = {"family": family, "within": within, "time_limit": time_limit}
     planner = configured(entries()["certify"].load(), options, "certify")
     began = time.perf_counter()
     proof = planner.solve(loaded)

@@ -18,23 +18,8 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.verdicts import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
 from trajopt.views import table_cells
 
-_PUBLISHED_FIELDS = (
-    "source",
-    "doi",
-    "objective",
-    "reading",
-    "unsaid",
-    "transcription",
-    "checked",
-)
-_KNOWN_FIELDS = (
-    "best",
-    "best_by",
-    "lower_bound",
-    "bound_by",
-    "stopping",
-    "best_of_family",
-)
+_PUBLISHED_FIELDS = ("source", "doi", "objective", "reading", "unsaid", "transcription", "checked")
+_KNOWN_FIELDS = ("best", "best_by", "lower_bound", "bound_by", "stopping", "best_of_family")
 _CLAIM_FIELDS = ("method", "duration", "rounding", "table", "objective")
 _JUDGED_FIELDS = ("excess", "over_stopping", "over_family", "over_equal_jerk")
 _PROBLEM = "Published problem, or a problem file with claims; without it, they are listed."
@@ -44,12 +29,7 @@ def claims(
     problem: Annotated[str | None, Parameter(help=_PROBLEM)] = None,
     *,
     time_limit: Annotated[
-        float,
-        number(
-            "Seconds for the proof of a lower bound.",
-            above=0,
-            most=MAX_SECONDS,
-        ),
+        float, number("Seconds for the proof of a lower bound.", above=0, most=MAX_SECONDS)
     ] = 20.0,
     json: Json = False,
 ) -> int:
@@ -77,13 +57,7 @@ def _list(*, json: bool) -> int:
     rows = []
     for name in literature.files():
         published = literature.published(name)
-        rows.append(
-            {
-                "name": name,
-                "claims": len(published.claims),
-                "source": published.source,
-            }
-        )
+        rows.append({"name": name, "claims": len(published.claims), "source": published.source})
     if json:
         console.print_json({"problems": rows})
         return 0
@@ -95,11 +69,7 @@ def _list(*, json: bool) -> int:
     return 0
 
 
-def as_dict(
-    published: Published,
-    known: Known,
-    judgements: list[JudgedClaim],
-) -> dict[str, Any]:
+def as_dict(published: Published, known: Known, judgements: list[JudgedClaim]) -> dict[str, Any]:
     """Return what is known of a problem and its claims for JSON: seconds, and ratios minus 1."""
     facts = {
         "problem": published.name,
@@ -117,11 +87,7 @@ def _fields(value: object, names: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(value, name) for name in names}
 
 
-def _print(
-    published: Published,
-    known: Known,
-    judgements: list[JudgedClaim],
-) -> None:
+def _print(published: Published, known: Known, judgements: list[JudgedClaim]) -> None:
     title = console.bold(published.name)
     console.OUT.print(Text.assemble(title, f": {published.source}"))
     facts = {

@@ -42,37 +42,20 @@ def compare(
     interpolation: InterpolationName = "auto",
     suite: list[str] | None = None,
     seeds: Annotated[
-        int,
-        whole_number(
-            "Seeds 0 … N−1 of each stochastic planner.",
-            least=1,
-            most=1_000_000,
-        ),
+        int, whole_number("Seeds 0 … N−1 of each stochastic planner.", least=1, most=1_000_000)
     ] = 30,
     jobs: Annotated[
-        int | None,
-        whole_number(
-            "Worker processes; by default one per CPU.",
-            least=1,
-            most=4096,
-        ),
+        int | None, whole_number("Worker processes; by default one per CPU.", least=1, most=4096)
     ] = None,
     output: Path = Path("results"),
     fresh: bool = False,
     timeout: Annotated[
-        float,
-        number(
-            "Seconds after which a trial is stopped.",
-            least=1,
-            most=MAX_SECONDS,
-        ),
+        float, number("Seconds after which a trial is stopped.", least=1, most=MAX_SECONDS)
     ] = 600.0,
     memory: Annotated[
         float | None,
         number(
-            "GiB that a trial's process may use (Linux); no limit by default.",
-            least=0.25,
-            most=1e6,
+            "GiB that a trial's process may use (Linux); no limit by default.", least=0.25, most=1e6
         ),
     ] = None,
     dask: str | None = None,
@@ -125,12 +108,7 @@ def compare(
     return 0 if any(trial.is_answered for trial in results.items) else 1
 
 
-def _show(
-    results: Results,
-    problems: Sequence[Problem],
-    folder: Path,
-    rival: str | None,
-) -> None:
+def _show(results: Results, problems: Sequence[Problem], folder: Path, rival: str | None) -> None:
     """Print and draw the results."""
     count = f"{len(results.items)} trials"
     stored = f"stored:  {folder / 'results.h5'} ({count}"
@@ -172,9 +150,7 @@ def _outside_deleted_folder(output: Path) -> Path:
 
 
 def _motions(
-    files: Sequence[Path],
-    interpolation: Interpolation,
-    unit: str | None,
+    files: Sequence[Path], interpolation: Interpolation, unit: str | None
 ) -> Iterator[tuple[str, GivenMotion]]:
     """Yield each motion with its file's name, or its whole path where two have one name."""
     names = Counter(file.name for file in files)

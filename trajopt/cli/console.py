@@ -36,11 +36,7 @@ class _Console(Console):
 
 
 OUT = _Console(highlight=False, emoji=False)
-ERR = _Console(
-    stderr=True,
-    highlight=False,
-    emoji=False,
-)
+ERR = _Console(stderr=True, highlight=False, emoji=False)
 
 HELD: list[str] = []
 """Notes of readers: they are shown once everything is read."""
@@ -133,11 +129,7 @@ def last_line(message: str) -> str:
     return f"{last} ({''.join(places[-1])})" if places else last
 
 
-def headline(
-    subject: str,
-    rest: str,
-    verdict: str,
-) -> None:
+def headline(subject: str, rest: str, verdict: str) -> None:
     """Print one line: a subject in bold, the rest, a verdict in bold."""
     OUT.print(Text.assemble(bold(subject), visible(rest), bold(verdict)), soft_wrap=True)
 
@@ -149,11 +141,7 @@ def paragraph(text: object = "") -> None:
 
 def line(text: object) -> None:
     """Print one line on standard output without folding it, so that a path can be copied."""
-    OUT.print(
-        visible(text),
-        markup=False,
-        soft_wrap=True,
-    )
+    OUT.print(visible(text), markup=False, soft_wrap=True)
 
 
 def show_held(*error: str) -> None:
@@ -173,23 +161,12 @@ def note(text: object) -> None:
     if len(words) > _MAX_NOTE_CHARACTERS:
         half = _MAX_NOTE_CHARACTERS // 2
         words = f"{words[:half]} … {words[-half:]}"
-    ERR.print(
-        f"trajopt: {words}",
-        markup=False,
-        soft_wrap=True,
-    )
+    ERR.print(f"trajopt: {words}", markup=False, soft_wrap=True)
 
 
 def print_json(table: Any) -> None:
     """Print one JSON object and nothing else; infinity and NaN are null, paths are texts."""
-    print(
-        json.dumps(
-            _finite(table),
-            indent=2,
-            allow_nan=False,
-            default=str,
-        )
-    )
+    print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))
 
 
 def _finite(value: Any) -> Any:
@@ -219,20 +196,11 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
             columns, unless `columns` has them.
         title: Printed above the table.
     """
-    made = Grid(
-        box=None,
-        pad_edge=False,
-        collapse_padding=True,
-        title_justify="left",
-    )
+    made = Grid(box=None, pad_edge=False, collapse_padding=True, title_justify="left")
     made.title = None if title is None else markup(title)
     for column in dict.fromkeys((*columns, *numbers)):
         if column in numbers:
-            made.add_column(
-                markup(column),
-                justify="right",
-                no_wrap=True,
-            )
+            made.add_column(markup(column), justify="right", no_wrap=True)
         else:
             made.add_column(markup(column), overflow="fold")
     return made

@@ -49,11 +49,7 @@ def explain(
     with console.waiting("running the planner"):
         name, chosen = named(planner)
         trial = explained_run(chosen, asked_for, seed, name)
-    names = {
-        "problem": trial.problem.name,
-        "planner": trial.label,
-        "seed": trial.seed,
-    }
+    names = {"problem": trial.problem.name, "planner": trial.label, "seed": trial.seed}
     if trial.certified_trajectory is None:
         if json:
             console.print_json(names | {"status": trial.status, "message": trial.message})
@@ -62,12 +58,7 @@ def explain(
         return 1
     with console.waiting("asking the references"):
         recorded = records.answer(trial.problem)
-        found = decomposition.explain(
-            trial.problem,
-            chosen,
-            trial.certified_trajectory,
-            recorded,
-        )
+        found = decomposition.explain(trial.problem, chosen, trial.certified_trajectory, recorded)
         figures = draw.explain(trial, found, output)
     if json:
         console.print_json(names | found.as_dict() | {"figures": figures})
@@ -81,12 +72,7 @@ def explain(
     return 0
 
 
-def explained_run(
-    planner: Planner,
-    problem: Problem,
-    seed: int | None,
-    name: str,
-) -> Trial:
+def explained_run(planner: Planner, problem: Problem, seed: int | None, name: str) -> Trial:
     """Return the run with this seed; by default the median of a stochastic planner's runs.
 
     Of two runs in the middle the shorter is returned. Runs without an answer count as the longest.
@@ -99,12 +85,7 @@ def explained_run(
     return trials[(len(trials) - 1) // 2]
 
 
-def _sentences(
-    trial: Trial,
-    found: Explanation,
-    *,
-    median: bool,
-) -> Iterator[str]:
+def _sentences(trial: Trial, found: Explanation, *, median: bool) -> Iterator[str]:
     run = ""
     if trial.solution.history is not None:
         run = f" (seed {trial.seed})"
@@ -113,11 +94,7 @@ def _sentences(
     return sentences(f"{trial.label}{run}", trial.problem, found)
 
 
-def sentences(
-    subject: str,
-    problem: Problem,
-    found: Explanation,
-) -> Iterator[str]:
+def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[str]:
     """Explain the gap of a motion in five sentences."""
     what = f"{subject} takes {found.certified_duration:.4f} s on {problem.name}"
     if found.exact is None or found.gap is None:

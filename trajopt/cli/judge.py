@@ -23,7 +23,7 @@ from trajopt.views.figures import draw
 
 _ADVICE = {
     "linear": "The samples are positions only, which a controller joins with straight lines: send "
-    "velocities too, or say how else they are joined (--interpolation spline).",
+    "velocities too, or say how else they are joined (--interpolation spline)."
 }
 
 
@@ -35,8 +35,7 @@ def judge(
     motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
     via_tolerance: Annotated[
-        float,
-        number("Rad by which any joint may miss a waypoint that counts as passed.", least=0),
+        float, number("Rad by which any joint may miss a waypoint that counts as passed.", least=0)
     ] = 0.0,
     output: Path = Path("results/judge"),
     json: Json = False,

@@ -26,13 +26,7 @@ def list_(*, json: Json = False) -> int:
     problems = [_problem(name) for name in catalogue.problem_files()]
     arms = [_arm(name) for name in robots.arm_files()]
     if json:
-        console.print_json(
-            {
-                "planners": planners,
-                "problems": problems,
-                "robots": arms,
-            }
-        )
+        console.print_json({"planners": planners, "problems": problems, "robots": arms})
     else:
         console.OUT.print(_planner_table(planners))
         console.paragraph()

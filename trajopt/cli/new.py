@@ -76,11 +76,7 @@ def new(
         problem = asked.problem(waypoints, robot)
         units = asked.units(waypoints, robot)
         text = _stated(replace(problem, name=path.stem), robot, units)
-    check_target(
-        path,
-        force=force,
-        key="NAME",
-    )
+    check_target(path, force=force, key="NAME")
     whole = _HEAD.format(file=path) + text
     atomic.write(path, lambda temporary: temporary.write_text(whole, encoding="utf-8"))
     console.line(f"{path}: edit it, then run: trajopt plan {path}")

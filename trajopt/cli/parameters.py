@@ -24,37 +24,16 @@ def _decimal(type_: Any, tokens: Sequence[Token]) -> float:
     return numerals.decimal(tokens[0].value)
 
 
-def whole_number(
-    help: str,
-    *,
-    least: int | None = None,
-    most: int | None = None,
-) -> Parameter:
+def whole_number(help: str, *, least: int | None = None, most: int | None = None) -> Parameter:
     """A parameter that is a whole number from `least` to `most`."""
-    return Parameter(
-        help=help,
-        converter=_whole,
-        validator=Number(gte=least, lte=most),
-    )
+    return Parameter(help=help, converter=_whole, validator=Number(gte=least, lte=most))
 
 
 def number(
-    help: str,
-    *,
-    above: float | None = None,
-    least: float | None = None,
-    most: float | None = None,
+    help: str, *, above: float | None = None, least: float | None = None, most: float | None = None
 ) -> Parameter:
     """A parameter that is a finite number above `above`, from `least` to `most`."""
-    return Parameter(
-        help=help,
-        converter=_decimal,
-        validator=Number(
-            gt=above,
-            gte=least,
-            lte=most,
-        ),
-    )
+    return Parameter(help=help, converter=_decimal, validator=Number(gt=above, gte=least, lte=most))
 
 
 def beside(results: Path, name: str) -> Path:
@@ -67,16 +46,10 @@ ProblemName = Annotated[
     str, Parameter(help="Built-in name, problem file (.toml), or waypoints with limits.")
 ]
 PlannerSpec = Annotated[
-    str,
-    Parameter(help="NAME or FILE.py:NAME, with :key=value,… behind it; see `trajopt list`."),
+    str, Parameter(help="NAME or FILE.py:NAME, with :key=value,… behind it; see `trajopt list`.")
 ]
 Seed = Annotated[
-    int,
-    whole_number(
-        "Seed of the random stream of stochastic planners.",
-        least=0,
-        most=_MAX_SEED,
-    ),
+    int, whole_number("Seed of the random stream of stochastic planners.", least=0, most=_MAX_SEED)
 ]
 Json = Annotated[bool, Parameter(help="Print one JSON object and nothing else.")]
 MotionFile = Annotated[

@@ -42,24 +42,14 @@ def plan(
     force: bool = False,
     cycle: Annotated[
         float | None,
-        number(
-            "Control cycle, s; all points are on it. By default 0.001.",
-            least=1e-6,
-            most=1e3,
-        ),
+        number("Control cycle, s; all points are on it. By default 0.001.", least=1e-6, most=1e3),
     ] = None,
     rate: Annotated[
-        float | None,
-        number(
-            "The same as cycles per second.",
-            above=0,
-            most=1e6,
-        ),
+        float | None, number("The same as cycles per second.", above=0, most=1e6)
     ] = None,
     points: Points | None = None,
     form: Annotated[
-        Form,
-        Parameter(name="--as", help="A message, or a FollowJointTrajectory goal of it."),
+        Form, Parameter(name="--as", help="A message, or a FollowJointTrajectory goal of it.")
     ] = "message",
     json: Json = False,
 ) -> int:
@@ -118,11 +108,7 @@ def _cycle(cycle: float | None, rate: float | None) -> float:
     return max(round(seconds, 9), 1e-6)
 
 
-def _written(
-    target: Target,
-    trial: Trial,
-    executed: Executed | None,
-) -> str:
+def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
     """Tell what was written, and how a controller executes it."""
     if executed is None:
         return f"{target.path} is written."
@@ -146,12 +132,7 @@ def _sending(path: Path) -> str:
     return f"{command} --stdin < {file}"
 
 
-def check_target(
-    path: Path,
-    *,
-    force: bool,
-    key: str = "--out",
-) -> None:
+def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
     """Check before the work whether a file can be written after it.
 
     Raises:
@@ -203,11 +184,7 @@ def print_durations(
     lower_bound: float | None = None,
 ) -> None:
     """Print the durations that exist, s, and when the motion passes its waypoints, s."""
-    durations = {
-        "claimed": claimed,
-        "certified": certified,
-        "lower bound": lower_bound,
-    }
+    durations = {"claimed": claimed, "certified": certified, "lower bound": lower_bound}
     for name, value in durations.items():
         if value is not None:
             console.paragraph(f"  {name:<12}{value:.6f} s")
@@ -216,11 +193,7 @@ def print_durations(
         console.paragraph(f"  waypoints   {', '.join(times)} s")
 
 
-def print_worst(
-    certificate: Certificate,
-    found: Excess | None,
-    problem: Problem,
-) -> None:
+def print_worst(certificate: Certificate, found: Excess | None, problem: Problem) -> None:
     """Print the worst value of each kind, and whether the arm's own velocity limits are kept."""
     table = console.table("worst", "value", "joint", "time [s]")
     for kind in WORST_KINDS:

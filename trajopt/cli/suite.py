@@ -42,22 +42,12 @@ def list_(*, json: Json = False) -> int:
 
 
 @app.command
-def show(
-    name: Name,
-    /,
-    *,
-    size: Size = None,
-    json: Json = False,
-) -> int:
+def show(name: Name, /, *, size: Size = None, json: Json = False) -> int:
     """Show a suite's problems, with the digest that keeps old results from mixing with new."""
     rows = [_row(problem) for problem in catalogue.problems(name, size)]
     suite = catalogue.suites()[name]
     if json:
-        head = {
-            "suite": name,
-            "version": suite.version,
-            "description": suite.description,
-        }
+        head = {"suite": name, "version": suite.version, "description": suite.description}
         console.print_json(head | {"problems": rows})
     else:
         _print_show(suite, rows)
@@ -65,14 +55,7 @@ def show(
 
 
 @app.command
-def export(
-    name: Name,
-    folder: Path,
-    /,
-    *,
-    size: Size = None,
-    json: Json = False,
-) -> int:
+def export(name: Name, folder: Path, /, *, size: Size = None, json: Json = False) -> int:
     """Write a suite's problems, a file each; files that differ from what is there are refused.
 
     Args:
@@ -86,13 +69,7 @@ def export(
         file.write_bytes(texts[file].encode())
     if json:
         digests = {str(file): problem.digest() for file, problem in problems.items()}
-        console.print_json(
-            {
-                "suite": name,
-                "files": digests,
-                "written": missing,
-            }
-        )
+        console.print_json({"suite": name, "files": digests, "written": missing})
         return 0
     said = f"{len(missing)} problem files written to {folder}"
     if len(missing) < len(texts):

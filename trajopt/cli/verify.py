@@ -73,12 +73,7 @@ def report(found: Verification, json: bool) -> None:
     console.print_json({"holds": found.holds, "summary": found.summary(), "trials": rows})
 
 
-def _verify_motion(
-    path: Path,
-    robot: Robot,
-    interpolation: Interpolation,
-    json: bool,
-) -> int:
+def _verify_motion(path: Path, robot: Robot, interpolation: Interpolation, json: bool) -> int:
     """Judge a motion as a controller runs it, by limits alone."""
     limits = {flag: value for flag, value in robot.said.items() if flag != "--unit"}
     if robot.acceleration is not None:

@@ -93,11 +93,7 @@ class InvalidInput(TrajoptError, ValueError):
     def in_file(self, file: str) -> InvalidInput:
         """Return this error with the name of its file, unless it names one."""
         return InvalidInput(
-            self.key,
-            self.expected,
-            value=self.value,
-            joint=self.joint,
-            file=self.file or file,
+            self.key, self.expected, value=self.value, joint=self.joint, file=self.file or file
         )
 
 

@@ -31,12 +31,7 @@ _DEEP_KEY = re.compile(rf"(?:{_PART}){{{MAX_DEPTH}}}")  # quadratic in memory, f
 
 
 def text(
-    path: Path,
-    what: str,
-    kind: str,
-    *,
-    max_bytes: int = MAX_BYTES,
-    marks: str = _MARKS,
+    path: Path, what: str, kind: str, *, max_bytes: int = MAX_BYTES, marks: str = _MARKS
 ) -> str:
     """The text of a file in UTF-8, within the bounds of this module.
 

@@ -34,9 +34,7 @@ _TABLES_USED = {"linear": 1, "cubic": 2, "quintic": 3, "spline": 1}
 
 
 def chosen(
-    interpolation: Interpolation,
-    velocities: Array | None,
-    accelerations: Array | None,
+    interpolation: Interpolation, velocities: Array | None, accelerations: Array | None
 ) -> Interpolation:
     """The interpolation that is meant, `auto` resolved.
 
@@ -123,10 +121,7 @@ def _hermite(derivatives: list[Array], lengths: Array) -> Array:
 
 
 def check(
-    times: Array,
-    positions: Array,
-    velocities: Array | None,
-    accelerations: Array | None,
+    times: Array, positions: Array, velocities: Array | None, accelerations: Array | None
 ) -> None:
     """Refuse samples that are no motion; samples and joints count from 1 in the message.
 

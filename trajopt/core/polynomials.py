@@ -146,12 +146,7 @@ def unit_roots(coefficients: Array) -> Array:
     low = knots[row, column]
     high = knots[row + 1, column]
     roots = np.full((degree, *coefficients.shape[1:]), np.nan)
-    roots[row, column] = _bisect(
-        coefficients[:, column],
-        low,
-        high,
-        negative[row, column],
-    )
+    roots[row, column] = _bisect(coefficients[:, column], low, high, negative[row, column])
     return roots
 
 
@@ -166,12 +161,7 @@ def _unit_quadratic(coefficients: Array) -> Array:
         return np.where(inside & crosses, roots, np.nan)
 
 
-def _bisect(
-    coefficients: Array,
-    low: Array,
-    high: Array,
-    negative: Bools,
-) -> Array:
+def _bisect(coefficients: Array, low: Array, high: Array, negative: Bools) -> Array:
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         below = evaluate(coefficients, middle) < 0
@@ -189,11 +179,7 @@ def critical_points(coefficients: Array) -> Array:
     return np.concatenate([start, start + 1.0, inner])
 
 
-def quadratic_roots(
-    a: Array,
-    b: Array,
-    c: Array,
-) -> Array:
+def quadratic_roots(a: Array, b: Array, c: Array) -> Array:
     """Real roots of `a s² + b s + c`, `(2, …)`, without cancellation; complex ones are NaN."""
     with np.errstate(invalid="ignore", divide="ignore"):
         discriminant = b * b - 4 * a * c
@@ -205,12 +191,7 @@ def quadratic_roots(
 _NEAR_ZERO = 1e-3  # of `c`, for `a s²`: the largest root has at least a third of it
 
 
-def cubic_roots(
-    a: Array,
-    b: Array,
-    c: Array,
-    d: Array,
-) -> Array:
+def cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Real roots of `a s³ + b s² + c s + d`, `(3, …)`; NaN where fewer.
 
     The root farthest from the others is found in closed form and polished; the others are the roots
@@ -256,11 +237,7 @@ def _newton(roots: Array, coefficients: Array) -> Array:
     return roots
 
 
-def _lone_root(
-    b: Array,
-    c: Array,
-    d: Array,
-) -> Array:
+def _lone_root(b: Array, c: Array, d: Array) -> Array:
     """The root of `s³ + b s² + c s + d` farthest from the mean of all three (Viète, Cardano)."""
     # q = (b² − 3c) / 9,  r = (2b³ − 9bc + 27d) / 54
     q = (b * b - 3 * c) / 9

@@ -17,12 +17,7 @@ from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.numerals import is_number
 
 LimitName = Literal["velocity", "acceleration", "jerk", "position"]
-LIMIT_ORDERS: dict[LimitName, int] = {
-    "velocity": 1,
-    "acceleration": 2,
-    "jerk": 3,
-    "position": 0,
-}
+LIMIT_ORDERS: dict[LimitName, int] = {"velocity": 1, "acceleration": 2, "jerk": 3, "position": 0}
 """Which derivative of position each limit bounds."""
 LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
@@ -307,10 +302,7 @@ class Problem:
         for name, values in own.items():
             described[name] = [values[joint] for joint in kept if values]
         return replace(
-            self,
-            waypoints=self.waypoints[:, chosen],
-            limits=self.limits.only(chosen),
-            **described,
+            self, waypoints=self.waypoints[:, chosen], limits=self.limits.only(chosen), **described
         )
 
     def has(self, name: LimitName) -> bool:

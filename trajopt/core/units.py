@@ -45,9 +45,7 @@ def asked(text: str | None) -> dict[str, str]:
 
 
 def completed(
-    said: Sequence[str | None],
-    slides: Sequence[bool],
-    wanted: Mapping[str, str],
+    said: Sequence[str | None], slides: Sequence[bool], wanted: Mapping[str, str]
 ) -> list[str | None]:
     """Return each column's unit: its own, or that of other columns of its kind, or the wanted one.
 

@@ -55,9 +55,7 @@ class Stretch(NamedTuple):
 
 
 def active_limits(
-    problem: Problem,
-    trajectory: Trajectory,
-    solver: Planner | None,
+    problem: Problem, trajectory: Trajectory, solver: Planner | None
 ) -> tuple[ActiveLimit, ...]:
     """Return all intervals at a limit, those of the limits with the largest savings first.
 
@@ -110,11 +108,7 @@ def _highest_saving(limit: LimitName) -> float:
     return 1 - 1 / c
 
 
-def _duration(
-    problem: Problem,
-    trajectory: Trajectory,
-    solver: Planner | None,
-) -> float | None:
+def _duration(problem: Problem, trajectory: Trajectory, solver: Planner | None) -> float | None:
     """Return the solver's duration, or that of the trajectory dilated to the limits, s."""
     if solver is None:
         return verify(problem, trajectory).dilation * trajectory.duration
@@ -146,12 +140,7 @@ def stretches(
                 yield Stretch(joint, limit, start, end)
 
 
-def relaxed(
-    problem: Problem,
-    joint: int,
-    limit: LimitName,
-    by: float = RELAXED_SHARE,
-) -> Problem:
+def relaxed(problem: Problem, joint: int, limit: LimitName, by: float = RELAXED_SHARE) -> Problem:
     """Return the problem with one limit of one joint wider by a fraction (of a position range)."""
     limits = {name: pairs.copy() for name, pairs in problem.limits.by_name().items()}
     pair = limits[limit][joint]
@@ -162,9 +151,7 @@ def relaxed(
 
 
 def share_at_limits(
-    problem: Problem,
-    trajectory: Trajectory,
-    active: float = ACTIVE_SHARE,
+    problem: Problem, trajectory: Trajectory, active: float = ACTIVE_SHARE
 ) -> float:
     """Return the fraction of time in which a joint is at a velocity, acceleration or jerk limit."""
     found = stretches(problem, trajectory, active, joined=0.0)
@@ -177,10 +164,7 @@ def share_at_limits(
 
 
 def _intervals(
-    problem: Problem,
-    trajectory: Trajectory,
-    limit: LimitName,
-    active: float,
+    problem: Problem, trajectory: Trajectory, limit: LimitName, active: float
 ) -> tuple[Indices, Array, Array]:
     """Joint, start and end (s) of every part of a piece with more than `active` of a limit in use.
 
@@ -217,11 +201,7 @@ def _intervals(
     return joint, at + left[index] * length, at + right[index] * length
 
 
-def joined_intervals(
-    start: Array,
-    end: Array,
-    slack: float = 0.0,
-) -> Iterator[tuple[float, float]]:
+def joined_intervals(start: Array, end: Array, slack: float = 0.0) -> Iterator[tuple[float, float]]:
     """Yield intervals in order; those that overlap or are at most `slack` apart are joined."""
     if len(start) == 0:
         return

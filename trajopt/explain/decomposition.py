@@ -162,9 +162,7 @@ def explain(
 
 
 def _solver(
-    planner: Planner | None,
-    problem: Problem,
-    own: Trajectory,
+    planner: Planner | None, problem: Problem, own: Trajectory
 ) -> tuple[Planner | None, str]:
     """Who solves it again with relaxed limits; a swarm's scatter would drown the saving."""
     if planner is None:
@@ -177,9 +175,7 @@ def _solver(
 
 
 def _gaps(
-    problem: Problem,
-    trajectory: Trajectory,
-    optimum: Answer,
+    problem: Problem, trajectory: Trajectory, optimum: Answer
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Every gap by name, None with a note where it does not apply."""
     own = Answer(trajectory)

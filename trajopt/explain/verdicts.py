@@ -144,12 +144,7 @@ class JudgedClaim:
     over_equal_jerk: float | None
 
 
-def survey(
-    problem: Problem,
-    families: Iterable[str] = (),
-    *,
-    time_limit: float = 20.0,
-) -> Known:
+def survey(problem: Problem, families: Iterable[str] = (), *, time_limit: float = 20.0) -> Known:
     """Ask every reference about a problem: its claims are judged by their answers.
 
     Args:

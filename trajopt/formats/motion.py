@@ -166,10 +166,7 @@ def _check_nothing_to_join(interpolation: Interpolation) -> None:
 
 
 def _read(
-    path: Path,
-    interpolation: Interpolation,
-    unit: str | None,
-    joint_units: Mapping[str, str],
+    path: Path, interpolation: Interpolation, unit: str | None, joint_units: Mapping[str, str]
 ) -> Motion:
     if path.suffix not in ENDINGS:
         right = f"a file ending in {', '.join(ENDINGS)}"

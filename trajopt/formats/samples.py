@@ -64,12 +64,7 @@ class Samples:
         )
 
 
-def known_as(
-    own: Sequence[str],
-    known: Sequence[str],
-    *,
-    ordered: bool = True,
-) -> tuple[str, ...]:
+def known_as(own: Sequence[str], known: Sequence[str], *, ordered: bool = True) -> tuple[str, ...]:
     """The names by which a robot knows the joints of a file, or the file's own names.
 
     A namespace that all joints of one side share (`left/elbow`) is ignored. Numbered columns (`q0`,

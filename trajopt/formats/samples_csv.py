@@ -36,15 +36,7 @@ import numpy as np
 
 from trajopt.core import files
 from trajopt.core.exceptions import FileNote, InvalidInput
-from trajopt.core.units import (
-    ANGLES,
-    LENGTHS,
-    TIMES,
-    UNITS,
-    asked,
-    completed,
-    contradicted,
-)
+from trajopt.core.units import ANGLES, LENGTHS, TIMES, UNITS, asked, completed, contradicted
 from trajopt.formats import csv_file
 from trajopt.formats.csv_file import Table
 from trajopt.formats.samples import Samples, known_as
@@ -121,9 +113,7 @@ def write(path: Path, samples: Samples, units: Sequence[str] = ()) -> None:
 
 
 def read(
-    path: Path,
-    unit: str | None = None,
-    joint_units: Mapping[str, str] = MappingProxyType({}),
+    path: Path, unit: str | None = None, joint_units: Mapping[str, str] = MappingProxyType({})
 ) -> Samples:
     """Read samples, as `write` wrote them, or a log.
 
@@ -178,10 +168,7 @@ class _Column:
 
 
 def _samples(
-    text: str,
-    name: str,
-    wanted: Mapping[str, str],
-    joint_units: Mapping[str, str],
+    text: str, name: str, wanted: Mapping[str, str], joint_units: Mapping[str, str]
 ) -> Samples:
     table = csv_file.table(text, commented=True)
     columns = _columns(table)

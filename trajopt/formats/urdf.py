@@ -107,11 +107,7 @@ def _robot(root: Element, source: str) -> RobotLimits:
     if not joints:
         raise InvalidInput("robot", "at least one joint that moves")
     return RobotLimits(
-        joints,
-        source=source,
-        units=units,
-        falling_velocity=falling,
-        unsound=unsound,
+        joints, source=source, units=units, falling_velocity=falling, unsound=unsound
     )
 
 

@@ -25,15 +25,7 @@ from trajopt.core import files
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.problem import Problem, waypoint_table
-from trajopt.core.units import (
-    ANGLES,
-    LENGTHS,
-    UNITS,
-    asked,
-    completed,
-    contradicted,
-    mixed_units,
-)
+from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, contradicted, mixed_units
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.formats.samples import known_as
@@ -141,10 +133,7 @@ def _problem(waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: P
 
 
 def _units(
-    waypoints: Waypoints,
-    names: Sequence[str],
-    robot: RobotLimits,
-    wanted: dict[str, str],
+    waypoints: Waypoints, names: Sequence[str], robot: RobotLimits, wanted: dict[str, str]
 ) -> list[str | None]:
     """Each column's unit: its header's, else that of other columns, or None for a bare angle.
 
@@ -226,9 +215,4 @@ def _read_json(path: Path) -> Waypoints:
     return Waypoints(rows, names, angle_unit=unit)
 
 
-_READERS = {
-    ".csv": _read_csv,
-    ".txt": _read_csv,
-    ".npy": _read_npy,
-    ".json": _read_json,
-}
+_READERS = {".csv": _read_csv, ".txt": _read_csv, ".npy": _read_npy, ".json": _read_json}

@@ -86,10 +86,7 @@ def caveats(problems: Iterable[Problem]) -> Iterator[str]:
 
 
 def _on_side(
-    limit: FallingVelocity,
-    sign: int,
-    joint: int,
-    trajectory: Trajectory,
+    limit: FallingVelocity, sign: int, joint: int, trajectory: Trajectory
 ) -> tuple[Excess, Array]:
     """The largest excess towards one end, and the intervals that are too fast, s, `(2, count)`.
 
@@ -149,11 +146,7 @@ def _on_side(
 
 
 def _points(
-    limit: FallingVelocity,
-    over: Array,
-    square: Array,
-    velocity: Array,
-    acceleration: Array,
+    limit: FallingVelocity, over: Array, square: Array, velocity: Array, acceleration: Array
 ) -> Array:
     """Points of the unit interval where an excess can begin, end or be largest, `(points, pieces)`.
 

@@ -256,11 +256,7 @@ def _slopes(layout: _Layout, missed: Array) -> Array:
     return np.concatenate([rest, parabola, rest])
 
 
-def _bent(
-    layout: _Layout,
-    slopes: Array,
-    *curvatures: Array,
-) -> tuple[Array, Array]:
+def _bent(layout: _Layout, slopes: Array, *curvatures: Array) -> tuple[Array, Array]:
     """The powers of `σ` and of `1 − σ` that change derivatives at waypoints, not positions.
 
     Args:
@@ -378,10 +374,7 @@ def _jumps(layout: _Layout, order: int) -> Array:
 
 
 # From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
-_BLEND = {
-    1: np.array([3.0, -2.0]),
-    2: np.array([10.0, -15.0, 6.0]),
-}
+_BLEND = {1: np.array([3.0, -2.0]), 2: np.array([10.0, -15.0, 6.0])}
 
 
 def _ending(slope: Array, curvature: Array | None = None) -> Array:
@@ -420,11 +413,7 @@ _BUMP = 64 * np.array([1.0, -3.0, 3.0, -1.0])
 _BUMP_CURVATURE = 24.0
 
 
-def _within_position_limits(
-    problem: Problem,
-    layout: _Layout,
-    coefficients: Array,
-) -> Array:
+def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
     """Push the motion within its position limits.
 
     At a waypoint on a limit the joint turns: its velocity is zero, and it does not accelerate
@@ -525,11 +514,7 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
 
 
 def _needed_share(
-    problem: Problem,
-    layout: _Layout,
-    mixed: Array,
-    side: Array,
-    allowed_excess: Array,
+    problem: Problem, layout: _Layout, mixed: Array, side: Array, allowed_excess: Array
 ) -> Array:
     """The share of the resting motion that each joint needs to be inside, `(joints,)`."""
     lengths = layout.trajectory.lengths

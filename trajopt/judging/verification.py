@@ -139,20 +139,14 @@ class Certificate:
                 table[kind] = None
                 continue
             word = "ratio" if kind in RATIO_KINDS else "error"
-            table[kind] = {
-                word: worst.value,
-                "joint": worst.joint + 1,
-                "time": worst.time,
-            }
+            table[kind] = {word: worst.value, "joint": worst.joint + 1, "time": worst.time}
             if kind == "continuity":
                 table[kind]["order"] = worst.order
         return table
 
 
 def verify(
-    problem: Problem,
-    trajectory: Trajectory,
-    tolerance: Tolerance | None = None,
+    problem: Problem, trajectory: Trajectory, tolerance: Tolerance | None = None
 ) -> Certificate:
     """Judge a trajectory exactly against a problem.
 
@@ -200,9 +194,7 @@ def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
 
 
 def _judged(
-    problem: Problem,
-    trajectory: Trajectory,
-    tolerance: Tolerance,
+    problem: Problem, trajectory: Trajectory, tolerance: Tolerance
 ) -> tuple[Certificate, Trajectory]:
     """The certificate, and the trajectory that has its peaks: repaired, if that is possible."""
     allowed = _allowed(problem, trajectory.duration, tolerance)
@@ -275,11 +267,7 @@ class _Allowed:
     jumps: tuple[Array, Array, Array]
 
 
-def _allowed(
-    problem: Problem,
-    duration: float,
-    tolerance: Tolerance,
-) -> _Allowed:
+def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
     limits = problem.limits
     largest = problem.largest_displacements
     coordinates = problem.rounding
@@ -326,12 +314,7 @@ class _Peak(NamedTuple):
     share: float
 
 
-def _peak(
-    trajectory: Trajectory,
-    order: int,
-    limits: Array,
-    measure: Measure,
-) -> Worst:
+def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -> Worst:
     """The exact worst of a convex measure of a derivative, over all pieces and joints.
 
     Rounded up by what evaluating the polynomials may round.
@@ -369,11 +352,7 @@ def _peak(
 
 
 def _peak_among(
-    unit: Array,
-    rounding: Array,
-    where: tuple[Indices, ...],
-    limits: Array,
-    measure: Measure,
+    unit: Array, rounding: Array, where: tuple[Indices, ...], limits: Array, measure: Measure
 ) -> _Peak:
     """The worst of some pieces, from their critical points."""
     pieces, joints = where
@@ -391,11 +370,7 @@ def _peak_among(
     )
 
 
-def _worst_miss(
-    problem: Problem,
-    trajectory: Trajectory,
-    allowed: Array,
-) -> tuple[Worst, float]:
+def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """The worst miss of a waypoint, and its size over what is allowed."""
     passed = trajectory(trajectory.waypoint_times)
     errors = np.abs(passed - problem.waypoints)
@@ -403,10 +378,7 @@ def _worst_miss(
 
 
 def _worst_jump(
-    problem: Problem,
-    trajectory: Trajectory,
-    order: int,
-    allowed: Array,
+    problem: Problem, trajectory: Trajectory, order: int, allowed: Array
 ) -> tuple[Worst, float]:
     """The worst jump of a derivative at any break, and its size over what is allowed.
 
@@ -430,12 +402,7 @@ def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     return _worst_of(rounding, allowed, trajectory.breaks)
 
 
-def _worst_of(
-    errors: Array,
-    allowed: Array,
-    times: Array,
-    order: int = 0,
-) -> tuple[Worst, float]:
+def _worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tuple[Worst, float]:
     """The error `(times, joints)` that is worst beside what is allowed `(joints,)`, and that ratio.
 
     An error that is not a number counts as infinite (`argmax` finds it).
@@ -443,10 +410,7 @@ def _worst_of(
     excess = errors / allowed
     row, joint = np.unravel_index(np.argmax(excess), excess.shape)
     worst = Worst(
-        value=float(errors[row, joint]),
-        joint=int(joint),
-        time=float(times[row]),
-        order=order,
+        value=float(errors[row, joint]), joint=int(joint), time=float(times[row]), order=order
     )
     ratio = float(excess[row, joint])
     return worst, np.inf if np.isnan(ratio) else ratio
@@ -455,11 +419,7 @@ def _worst_of(
 _JUMP_WORDS = ("position jumps by", "velocity jumps by", "acceleration jumps by")
 
 
-def _say(
-    problem: Problem,
-    worst: Worst,
-    what: str,
-) -> str:
+def _say(problem: Problem, worst: Worst, what: str) -> str:
     unit = problem.unit(worst.joint, worst.order)
     label = problem.joint_labels[worst.joint]
     where = f"{label} at {worst.time:.6g} s"

@@ -119,11 +119,7 @@ class Robot:
 
 
 def cartesian_problem(
-    robot: Robot,
-    poses: Any,
-    limits: Limits,
-    start: ArrayLike | None = None,
-    name: str = "",
+    robot: Robot, poses: Any, limits: Limits, start: ArrayLike | None = None, name: str = ""
 ) -> Problem:
     """Step 1 of the paper's procedure: the problem of passing poses `(waypoints, 4, 4)` in order.
 
@@ -184,11 +180,7 @@ def _nearest(robot: Robot, pose: Array, posture: Array, key: str) -> Array:
 
 
 def _solved(
-    robot: Robot,
-    pose: Array,
-    start: Array,
-    posture: Array,
-    size: float,
+    robot: Robot, pose: Array, start: Array, posture: Array, size: float
 ) -> tuple[Array, float]:
     """Return a local minimum of the distance from a pose, and the distance in its worst entry.
 
@@ -241,12 +233,7 @@ def _hand(robot: Robot, q: Any) -> Array:
     return reduce(np.matmul, np.moveaxis(links, -3, 0))
 
 
-def _link(
-    a: ArrayLike,
-    alpha: ArrayLike,
-    d: ArrayLike,
-    theta: ArrayLike,
-) -> Array:
+def _link(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
     """Eq. 1, batched: `(…, 4, 4)`."""
     alike = np.broadcast_arrays(a, alpha, d, theta)
     a, alpha, d, theta = alike
@@ -294,12 +281,7 @@ def _checked(poses: Any) -> Array:
     return array
 
 
-def _array(
-    key: str,
-    value: Any,
-    shape: tuple[int, ...],
-    expected: str,
-) -> Array:
+def _array(key: str, value: Any, shape: tuple[int, ...], expected: str) -> Array:
     """`value` as a new array `(…, *shape)` of numbers."""
     try:
         array = np.asarray(value)
@@ -327,11 +309,7 @@ def _parsed(table: Mapping[str, Any], stem: str) -> Robot:
     return Robot(**columns, name=name, source=files.text_at(table, "source"))
 
 
-def _check_choice(
-    table: Mapping[str, Any],
-    key: str,
-    choices: tuple[str, ...],
-) -> None:
+def _check_choice(table: Mapping[str, Any], key: str, choices: tuple[str, ...]) -> None:
     chosen = table[key]
     if chosen not in choices:
         quoted = [f'"{choice}"' for choice in choices]

@@ -241,14 +241,7 @@ def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any,
 
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-_FUNCTION_ATTRIBUTES = (
-    "stochastic",
-    "on_request",
-    "requires",
-    "knows",
-    "relation",
-    "unsupported",
-)
+_FUNCTION_ATTRIBUTES = ("stochastic", "on_request", "requires", "knows", "relation", "unsupported")
 
 
 def adapted(planner: object) -> Planner:

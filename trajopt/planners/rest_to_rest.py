@@ -75,12 +75,7 @@ def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
     return np.where(peak < top, without_cruise, with_cruise)
 
 
-def seven_phase(
-    h: Array,
-    velocity: Array,
-    acceleration: Array,
-    jerk: Array,
-) -> Array:
+def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
     """Rest-to-rest minimum time over `h ≥ 0` `(…, joints)` for symmetric limits `(joints,)`."""
     A = acceleration
     # Time to reach full acceleration, and the speed reached when easing off at once.

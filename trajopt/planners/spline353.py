@@ -81,11 +81,7 @@ def trajectory(problem: Problem, times: Array) -> Trajectory:
     pieces[..., -1] += problem.waypoints[:-1]
     passed = np.cumsum(times)
     breaks = np.concatenate([[0.0], passed])
-    return Trajectory(
-        breaks,
-        coefficients=np.moveaxis(pieces, -1, 0),
-        waypoint_times=breaks,
-    )
+    return Trajectory(breaks, coefficients=np.moveaxis(pieces, -1, 0), waypoint_times=breaks)
 
 
 def coefficients(displacements: Array, times: Array) -> Array:
@@ -218,10 +214,7 @@ def position_coefficients(displacements: ThreeSegments, times: ThreeSegments) ->
 
 
 def limit_use(
-    displacements: Array,
-    times: Array,
-    limits: Limits,
-    exact_above: float = 0.0,
+    displacements: Array, times: Array, limits: Limits, exact_above: float = 0.0
 ) -> tuple[Array, Array, Array]:
     """Return peak velocity, acceleration and jerk over their limits, each `(…)`; 1 is at the limit.
 

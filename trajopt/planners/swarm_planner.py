@@ -127,10 +127,7 @@ class SwarmPlanner(Planner):
         """One run's answer, from the times `(groups, 3)` and the history of each of its groups."""
         longest = times.max(axis=0)
         groups = len(times)
-        stats: dict[str, Any] = {
-            "segment_times": longest,
-            "iterations": result.iterations,
-        }
+        stats: dict[str, Any] = {"segment_times": longest, "iterations": result.iterations}
         history: Array | None = histories[0]
         if self.timing == "per-joint":
             stats |= task.joint_stats(problem.joints, times, histories)
@@ -175,13 +172,7 @@ class Group:
             times = spline353.keeping_times(displacements, own.limits, room, longest)
             # the best spline's longest outer time may be longer still
             high = max(high, 2 * times.max())
-        return cls(
-            displacements,
-            own.limits,
-            room,
-            low=planner.lower * high,
-            high=high,
-        )
+        return cls(displacements, own.limits, room, low=planner.lower * high, high=high)
 
     @property
     def ceiling(self) -> float:
@@ -198,12 +189,7 @@ class Group:
 
         The duration; or more than every duration in the box, by the violation of the limits.
         """
-        uses = spline353.limit_use(
-            self.displacements,
-            times[:, None],
-            self.limits,
-            exact_above=1.0,
-        )
+        uses = spline353.limit_use(self.displacements, times[:, None], self.limits, exact_above=1.0)
         excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
         if self.room is not None:
             excesses.append(self._outside(times, self.room))
@@ -362,12 +348,7 @@ class SegmentTimes:
         within = np.where(best > group.ceiling, np.nan, best)
         return np.column_stack([spent, within])
 
-    def joint_stats(
-        self,
-        joints: int,
-        times: Array,
-        histories: list[Array],
-    ) -> dict[str, Array]:
+    def joint_stats(self, joints: int, times: Array, histories: list[Array]) -> dict[str, Array]:
         """Return the times and durations of each joint alone; NaN for joints that never move."""
         own_times = np.full((joints, 3), np.nan)
         durations = np.full(joints, np.nan)
@@ -396,9 +377,7 @@ class Unoptimised(Planner):
     def __post_init__(self) -> None:
         if not 1e-9 < self.segment_time < 1e9:
             raise InvalidInput(
-                "segment_time",
-                "a positive time in seconds",
-                value=self.segment_time,
+                "segment_time", "a positive time in seconds", value=self.segment_time
             )
 
     def unsupported(self, problem: Problem) -> str | None:

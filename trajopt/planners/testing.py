@@ -138,11 +138,7 @@ def _check_on(planner: Planner, problem: Problem) -> str:
     return verdict
 
 
-def _check_solution(
-    solution: Solution,
-    problem: Problem,
-    excused: bool,
-) -> str:
+def _check_solution(solution: Solution, problem: Problem, excused: bool) -> str:
     """Return the verdict; a planner that does not know a limit is `excused` from flaws."""
     status = solution.status
     flaw = solution.history_flaw

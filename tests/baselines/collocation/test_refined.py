@@ -37,60 +37,24 @@ def duration(problem: Problem) -> float:
 
 def boxed(problem: Problem, position: object) -> Problem:
     limits = problem.limits
-    box = Limits(
-        limits.velocity,
-        limits.acceleration,
-        limits.jerk,
-        position,
-    )
+    box = Limits(limits.velocity, limits.acceleration, limits.jerk, position)
     return replace(problem, limits=box)
 
 
 def overshoot(room: float, jerk: float | None = None) -> Problem:
     """Joint 1 would pass its second waypoint fast while joint 2, which waits, takes its time."""
-    limits = Limits(
-        [10.0, 10.0],
-        [2.0, 2.0],
-        jerk and [jerk] * 2,
-        [[0, 1 + room], [0, 1]],
-    )
-    return Problem(
-        [
-            [0, 0],
-            [1, 0],
-            [1, 1],
-        ],
-        limits,
-    )
+    limits = Limits([10.0, 10.0], [2.0, 2.0], jerk and [jerk] * 2, [[0, 1 + room], [0, 1]])
+    return Problem([[0, 0], [1, 0], [1, 1]], limits)
 
 
 def test_a_reversal_at_the_limit_is_two_stops() -> None:
-    limits = Limits(
-        [1.2],
-        [2.0],
-        position=[[0.0, 1.0]],
-    )
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [0.0],
-        ],
-        limits,
-    )
+    limits = Limits([1.2], [2.0], position=[[0.0, 1.0]])
+    problem = Problem([[0.0], [1.0], [0.0]], limits)
     stop = 1.2 / 2 + 1 / 1.2
     assert duration(problem) == pytest.approx(2 * stop, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "room",
-    [
-        0.0,
-        0.001,
-        0.1,
-        0.2,
-    ],
-)
+@pytest.mark.parametrize("room", [0.0, 0.001, 0.1, 0.2])
 def test_the_room_behind_a_waypoint_limits_its_velocity(room: float) -> None:
     """Braking from `u` takes `u²/(2A)`; joint 2 cannot move before, between its limits."""
     u = np.sqrt(2 * 2.0 * room)
@@ -102,18 +66,8 @@ def test_the_room_behind_a_waypoint_limits_its_velocity(room: float) -> None:
 def test_the_mirrored_problem_takes_as_long() -> None:
     problem = overshoot(0.1)
     limits = problem.limits
-    mirrored = Limits(
-        limits.velocity,
-        limits.acceleration,
-        position=-limits.position[:, ::-1],
-    )
-    other = duration(
-        replace(
-            problem,
-            waypoints=-problem.waypoints,
-            limits=mirrored,
-        )
-    )
+    mirrored = Limits(limits.velocity, limits.acceleration, position=-limits.position[:, ::-1])
+    other = duration(replace(problem, waypoints=-problem.waypoints, limits=mirrored))
     assert other == pytest.approx(duration(problem), rel=ERROR)
 
 
@@ -124,35 +78,18 @@ def test_with_jerk_each_segment_is_ruckigs_with_a_free_acceleration() -> None:
     zero = np.zeros(1)
 
     def arriving(a: float) -> float:
-        end = (
-            np.ones(1),
-            zero,
-            np.array([-a]),
-        )
-        together, _ = section(
-            one,
-            (zero, zero, zero),
-            end,
-        )
+        end = (np.ones(1), zero, np.array([-a]))
+        together, _ = section(one, (zero, zero, zero), end)
         return together
 
     inner = minimize_scalar(arriving, bounds=(0.0, 2.0), method="bounded").fun
-    least = min(
-        inner,
-        arriving(0.0),
-        arriving(2.0),
-    )
+    least = min(inner, arriving(0.0), arriving(2.0))
     # Joint 2 leaves as joint 1 arrives, backwards in time.
     assert duration(problem) == pytest.approx(2 * least, rel=ERROR)
 
 
 def test_two_waypoints_with_jerk_are_ruckigs() -> None:
-    limits = Limits(
-        [1.0, 0.7],
-        [2.0, 1.5],
-        [12.0, 5.0],
-        [[0.0, 0.9], [-0.4, 0.0]],
-    )
+    limits = Limits([1.0, 0.7], [2.0, 1.5], [12.0, 5.0], [[0.0, 0.9], [-0.4, 0.0]])
     problem = Problem([[0, 0], [0.9, -0.4]], limits)
     zero = np.zeros(2)
     ends = [(q, zero, zero) for q in problem.waypoints]
@@ -189,51 +126,18 @@ def test_between_the_relaxed_optimum_and_ruckig() -> None:
 
 def test_stopping_where_there_is_no_room_at_all() -> None:
     """A reversal of every joint at both of its limits."""
-    limits = Limits(
-        [1.0, 2.0],
-        [2.0, 1.0],
-        position=[[0, 1], [0, 1]],
-    )
-    problem = Problem(
-        [
-            [0, 0],
-            [1, 1],
-            [0, 0],
-            [1, 1],
-        ],
-        limits,
-    )
+    limits = Limits([1.0, 2.0], [2.0, 1.0], position=[[0, 1], [0, 1]])
+    problem = Problem([[0, 0], [1, 1], [0, 0], [1, 1]], limits)
     assert duration(problem) == pytest.approx(stop_times(problem).sum(), rel=1e-6)
 
 
 def test_jerk_limits_on_some_joints() -> None:
-    limits = Limits(
-        [1.0, 1.0],
-        [2.0, 2.0],
-        [np.inf, 10.0],
-        [[-0.01, 1.01], [0, np.inf]],
-    )
-    assert (
-        duration(
-            Problem(
-                [
-                    [0, 0],
-                    [0.5, 0.6],
-                    [1, 0.2],
-                ],
-                limits,
-            )
-        )
-        > 0
-    )
+    limits = Limits([1.0, 1.0], [2.0, 2.0], [np.inf, 10.0], [[-0.01, 1.01], [0, np.inf]])
+    assert duration(Problem([[0, 0], [0.5, 0.6], [1, 0.2]], limits)) > 0
 
 
 def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
-    limits = Limits(
-        [1.0],
-        [2.0],
-        [[-np.inf, 10.0]],
-    )
+    limits = Limits([1.0], [2.0], [[-np.inf, 10.0]])
     assert "one side" in str(CollocationRefined().unsupported(Problem([[0.0], [1.0]], limits)))
 
 
@@ -251,13 +155,7 @@ def test_keeps_the_public_contract() -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("error", 0.0),
-        ("error", np.nan),
-        ("starts", 0),
-        ("refinements", 0),
-    ],
+    ("option", "value"), [("error", 0.0), ("error", np.nan), ("starts", 0), ("refinements", 0)]
 )
 def test_bad_options_are_refused(option: str, value: float) -> None:
     with pytest.raises(InvalidInput, match=f"{option} is"):
@@ -266,20 +164,8 @@ def test_bad_options_are_refused(option: str, value: float) -> None:
 
 def test_intervals_that_change_nothing_stay_where_they_start() -> None:
     """The second joint has time to spare: any lengths will do, and IPOPT would wander for long."""
-    limits = Limits(
-        [1.0, 1.0],
-        [2.0, 2.0],
-        [20.0, 20.0],
-        [[0.0, 2.0], [0.0, 2.0]],
-    )
-    problem = Problem(
-        [
-            [0.0, 0.0],
-            [1.0, 0.1],
-            [1.9, 0.2],
-        ],
-        limits,
-    )
+    limits = Limits([1.0, 1.0], [2.0, 2.0], [20.0, 20.0], [[0.0, 2.0], [0.0, 2.0]])
+    problem = Problem([[0.0, 0.0], [1.0, 0.1], [1.9, 0.2]], limits)
     grid = Grid(problem, 8)
     start = grid.stopping()
     optimum = transcription(grid, free=True)(grid, start)

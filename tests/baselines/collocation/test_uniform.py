@@ -34,23 +34,12 @@ def test_keeps_every_limit_on_random_problems(seed: int, jerk: bool) -> None:
 
 
 def test_two_waypoints_with_jerk_tend_to_ruckig() -> None:
-    limits = Limits(
-        [1.0, 0.7],
-        [2.0, 1.5],
-        [12.0, 5.0],
-    )
+    limits = Limits([1.0, 0.7], [2.0, 1.5], [12.0, 5.0])
     problem = Problem([[0, 0], [0.9, -0.4]], limits)
     zero = np.zeros(2)
     ends = [(waypoint, zero, zero) for waypoint in problem.waypoints]
     optimum, _ = section(limits, *ends)
-    durations = [
-        solved(problem, n).duration
-        for n in (
-            20,
-            40,
-            80,
-        )
-    ]
+    durations = [solved(problem, n).duration for n in (20, 40, 80)]
     gaps = [duration / optimum - 1 for duration in durations]
     assert min(gaps) > -1e-7
     assert gaps[2] < 0.5 * gaps[0]
@@ -72,36 +61,14 @@ def test_position_limits_cost_time_and_are_kept() -> None:
 
 
 def test_a_waypoint_on_its_position_limit_is_passed() -> None:
-    limits = Limits(
-        [1.0],
-        [2.0],
-        position=[[0.0, 1.0]],
-    )
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [0.2],
-        ],
-        limits,
-    )
+    limits = Limits([1.0], [2.0], position=[[0.0, 1.0]])
+    problem = Problem([[0.0], [1.0], [0.2]], limits)
     assert verify(problem, solved(problem)).feasible
 
 
 def test_mixed_jerk_limits() -> None:
-    limits = Limits(
-        [1.0, 1.0],
-        [2.0, 2.0],
-        [np.inf, 10.0],
-    )
-    problem = Problem(
-        [
-            [0, 0],
-            [0.5, 0.6],
-            [1, 0.2],
-        ],
-        limits,
-    )
+    limits = Limits([1.0, 1.0], [2.0, 2.0], [np.inf, 10.0])
+    problem = Problem([[0, 0], [0.5, 0.6], [1, 0.2]], limits)
     assert verify(problem, solved(problem)).feasible
 
 
@@ -111,9 +78,5 @@ def test_too_few_intervals_are_refused() -> None:
 
 
 def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
-    limits = Limits(
-        [1.0],
-        [1.0],
-        [[-np.inf, 5.0]],
-    )
+    limits = Limits([1.0], [1.0], [[-np.inf, 5.0]])
     assert "one side" in str(Collocation().unsupported(Problem([[0.0], [1.0]], limits)))

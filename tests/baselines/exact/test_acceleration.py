@@ -110,12 +110,7 @@ def test_ruckig_from_its_waypoint_velocities_returns_its_segment_times(seed: int
         section(problem.limits, (*start, zero), (*end, zero))[0]
         for start, end in itertools.pairwise(states)
     ]
-    np.testing.assert_allclose(
-        ruckig,
-        np.diff(times),
-        rtol=1e-5,
-        atol=1e-6 * times[-1],
-    )
+    np.testing.assert_allclose(ruckig, np.diff(times), rtol=1e-5, atol=1e-6 * times[-1])
 
 
 @pytest.mark.parametrize("name", ["six-axis", "reversal", "asymmetric"])
@@ -159,33 +154,12 @@ def test_extremes_are_those_of_a_linear_program(seed: int) -> None:
     difference = np.diff(np.eye(steps + 1), axis=0)
     rows = np.vstack([difference, -difference])
     edges = np.r_[np.full(steps, a[1] * dt), np.full(steps, -a[0] * dt)]
-    bounds = [
-        (u, u),
-        *[tuple(v)] * (steps - 1),
-        (w, w),
-    ]
+    bounds = [(u, u), *[tuple(v)] * (steps - 1), (w, w)]
     reached = [
-        sign
-        * linprog(
-            sign * trapezoid,
-            rows,
-            edges,
-            bounds=bounds,
-        ).fun
-        for sign in (1.0, -1.0)
+        sign * linprog(sign * trapezoid, rows, edges, bounds=bounds).fun for sign in (1.0, -1.0)
     ]
-    _, d_up, _, d_lo = extremes(
-        np.array(u),
-        np.array(w),
-        np.array(t),
-        v,
-        a,
-    )
-    np.testing.assert_allclose(
-        [d_lo, d_up],
-        reached,
-        atol=4 * dt**2 * a[1] * 2,
-    )
+    _, d_up, _, d_lo = extremes(np.array(u), np.array(w), np.array(t), v, a)
+    np.testing.assert_allclose([d_lo, d_up], reached, atol=4 * dt**2 * a[1] * 2)
     assert d_lo <= reached[0] + 1e-9
     assert reached[1] <= d_up + 1e-9
 

@@ -22,23 +22,12 @@ A = np.array([-2.0, 3.0])
 
 def gentle(u: float, w: float, t: float, h: float) -> np.ndarray:
     """Peak, time of both ramps, and share of the limits."""
-    return np.array(
-        gentlest(
-            *np.array([u, w, t, h]),
-            V,
-            A,
-        )
-    )
+    return np.array(gentlest(*np.array([u, w, t, h]), V, A))
 
 
 def test_from_rest_to_rest_it_is_a_triangle_of_the_acceleration_that_the_time_asks_for() -> None:
     # both ramps fill 2 s: p T/2 = h, up in 2/(2 + 3) of the time at s 3, down in 3/5 at s 2
-    expected = [
-        0.5,
-        2 * 2 / 5,
-        2 * 3 / 5,
-        0.5 / (0.8 * 3),
-    ]
+    expected = [0.5, 2 * 2 / 5, 2 * 3 / 5, 0.5 / (0.8 * 3)]
     np.testing.assert_allclose(gentle(0.0, 0.0, 2.0, 0.5), expected, rtol=1e-14)
 
 
@@ -47,11 +36,7 @@ def test_above_the_velocity_limit_it_cruises() -> None:
     peak, first, last, share = gentle(0.0, 0.0, 4.0, 5.0)
     assert peak == 1.5
     lost = 2 * (4.0 - 5.0 / 1.5)
-    np.testing.assert_allclose(
-        [first, last],
-        [lost * 2 / 5, lost * 3 / 5],
-        rtol=1e-14,
-    )
+    np.testing.assert_allclose([first, last], [lost * 2 / 5, lost * 3 / 5], rtol=1e-14)
     assert share == pytest.approx(1.5 / (3 * lost * 2 / 5), rel=1e-14)
 
 
@@ -92,11 +77,7 @@ def test_the_straightest_turns_round_as_soon_as_it_can(seed: int) -> None:
     travelled = (u + cruise) / 2 * first + cruise * middle + (cruise + w) / 2 * last
     np.testing.assert_allclose(travelled, h, atol=1e-12)
     for ramp, step in ((first, cruise - u), (last, w - cruise)):
-        np.testing.assert_allclose(
-            np.where(step > 0, 3.0, 2.0) * ramp,
-            np.abs(step),
-            atol=1e-12,
-        )
+        np.testing.assert_allclose(np.where(step > 0, 3.0, 2.0) * ramp, np.abs(step), atol=1e-12)
     start = u**2 / np.where(u > 0, 4, -6)
     end = w**2 / np.where(w < 0, 4, -6)
     at = np.linspace(0, 1, 101)[:, None] * t
@@ -104,12 +85,7 @@ def test_the_straightest_turns_round_as_soon_as_it_can(seed: int) -> None:
     cruised = cruise * np.clip(at - first, 0, middle)
     late = np.clip(at - first - middle, 0, None)
     position = first_part + cruised + cruise * late + (w - cruise) * late**2 / 2 / last
-    turns = [
-        0 * h,
-        h,
-        np.where(u * cruise < 0, start, 0),
-        h + np.where(w * cruise < 0, end, 0),
-    ]
+    turns = [0 * h, h, np.where(u * cruise < 0, start, 0), h + np.where(w * cruise < 0, end, 0)]
     assert (position <= np.max(turns, axis=0) + 1e-12).all()
     assert (position >= np.min(turns, axis=0) - 1e-12).all()
 

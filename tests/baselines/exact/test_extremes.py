@@ -35,16 +35,7 @@ def limited(waypoints: object, joints: int) -> Problem:
 @pytest.mark.parametrize("power", [-10, -20, -28])
 def test_tiny_segments_on_the_way_cost_nothing(power: int) -> None:
     tiny = 2.0**power
-    problem = limited(
-        [
-            [0],
-            [1],
-            [1 + tiny],
-            [1 + 2 * tiny],
-            [2],
-        ],
-        1,
-    )
+    problem = limited([[0], [1], [1 + tiny], [1 + 2 * tiny], [2]], 1)
     assert solved(problem) == pytest.approx(2 / 1 + 1 / 2, rel=1e-8)  # h/V + V/A
 
 
@@ -56,15 +47,7 @@ def test_a_tiny_segment_decides_the_direction_of_the_passage(power: int) -> None
     `v = 1/2`, and the way on is the same backwards.
     """
     tiny = 2.0**power
-    problem = limited(
-        [
-            [0, 0],
-            [1, 0.5],
-            [1 + tiny, 0.5 - tiny],
-            [2, 1],
-        ],
-        2,
-    )
+    problem = limited([[0, 0], [1, 0.5], [1 + tiny, 0.5 - tiny], [2, 1]], 2)
     assert solved(problem) == pytest.approx(2 * (1 + 1 / 4 + 1 / 16), abs=2 * tiny + 1e-8)
 
 
@@ -77,11 +60,7 @@ def test_a_rounding_unit_is_a_segment() -> None:
 def test_tiny_turns_among_tiny_turns_scale_as_roots(scale: float) -> None:
     """Without velocity limits, waypoints `c` times as far take `√c` times as long."""
     rng = np.random.default_rng(0)
-    steps = rng.uniform(
-        -1,
-        1,
-        (8, 4),
-    ) * 10.0 ** rng.uniform(-6, 0, (8, 1))
+    steps = rng.uniform(-1, 1, (8, 4)) * 10.0 ** rng.uniform(-6, 0, (8, 1))
     waypoints = np.vstack([np.zeros(4), np.cumsum(steps, axis=0)])
     limits = Limits([1e3] * 4, [1.0, 2.0, 3.0, 4.0])
     durations = [solved(Problem(c * waypoints, limits), starts=2) for c in (1.0, scale)]

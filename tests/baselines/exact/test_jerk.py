@@ -121,34 +121,15 @@ def test_ruckig_from_its_waypoint_states_returns_its_segment_times(seed: int) ->
     velocities, accelerations = (trajectory(times, order) / (1 + 1e-6) for order in (1, 2))
     states = list(zip(problem.waypoints, velocities, accelerations, strict=True))
     ruckig = [section(problem.limits, *ends)[0] for ends in itertools.pairwise(states)]
-    np.testing.assert_allclose(
-        ruckig,
-        np.diff(times),
-        rtol=1e-5,
-        atol=1e-5 * times[-1],
-    )
+    np.testing.assert_allclose(ruckig, np.diff(times), rtol=1e-5, atol=1e-5 * times[-1])
 
 
 @pytest.mark.parametrize(
     "problem",
     [
         load("jerk-limit"),
-        Problem(
-            [[0.0], [1.0], [0.4]],
-            Limits(
-                [[-1, 0.6]],
-                [[-3.0, 2.0]],
-                [[-4.0, 9.0]],
-            ),
-        ),
-        Problem(
-            [[0.0, 0], [0.5, 1], [1.0, 0.5]],
-            Limits(
-                [1, 2],
-                [3, 4],
-                [8.0, np.inf],
-            ),
-        ),
+        Problem([[0.0], [1.0], [0.4]], Limits([[-1, 0.6]], [[-3.0, 2.0]], [[-4.0, 9.0]])),
+        Problem([[0.0, 0], [0.5, 1], [1.0, 0.5]], Limits([1, 2], [3, 4], [8.0, np.inf])),
     ],
     ids=["jerk-limit", "asymmetric", "mixed"],
 )
@@ -197,14 +178,7 @@ def test_what_the_soak_found_stays_mended(seed: int) -> None:
 
 
 def test_scaling_permuting_mirroring_and_reversing() -> None:
-    waypoints = np.array(
-        [
-            [0.0, 0.2],
-            [0.7, -0.3],
-            [0.5, 0.4],
-            [1.2, 0.9],
-        ]
-    )
+    waypoints = np.array([[0.0, 0.2], [0.7, -0.3], [0.5, 0.4], [1.2, 0.9]])
     v = np.array([[-1, 0.7], [-2, 2]])
     a = np.array([[-2.0, 3], [-4, 3]])
     j = [[-9.0, 6], [-8, 20]]
@@ -214,21 +188,9 @@ def test_scaling_permuting_mirroring_and_reversing() -> None:
     mirrored, backwards = (-x[:, ::-1] for x in (a, jerk))
     alike = [
         (waypoints, Limits(3 * v, 9 * a, 27 * jerk), 3.0),
-        (
-            waypoints[:, ::-1],
-            Limits(v[::-1], a[::-1], jerk[::-1]),
-            1.0,
-        ),
-        (
-            -waypoints,
-            Limits(-v[:, ::-1], mirrored, backwards),
-            1.0,
-        ),
-        (
-            waypoints[::-1],
-            Limits(-v[:, ::-1], a, backwards),
-            1.0,
-        ),  # accelerations keep their sign
+        (waypoints[:, ::-1], Limits(v[::-1], a[::-1], jerk[::-1]), 1.0),
+        (-waypoints, Limits(-v[:, ::-1], mirrored, backwards), 1.0),
+        (waypoints[::-1], Limits(-v[:, ::-1], a, backwards), 1.0),  # accelerations keep their sign
     ]
     for points, limits, factor in alike:
         other = solved(Problem(points, limits), planner).duration
@@ -264,14 +226,7 @@ def test_a_position_limit_makes_it_a_relaxation() -> None:
 
 
 def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
-    problem = Problem(
-        [[0.0], [1.0]],
-        Limits(
-            [1.0],
-            [2.0],
-            [[-5.0, np.inf]],
-        ),
-    )
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [2.0], [[-5.0, np.inf]]))
     assert "one side only" in str(QUICK.unsupported(problem))
     assert QUICK.unsupported(load("jerk-limit")) is None
 

@@ -57,31 +57,10 @@ def test_one_way_in_one_joint_is_ruckigs_from_end_to_end(seed: int) -> None:
     assert solved(problem).duration == pytest.approx(end_to_end(problem), rel=1e-9)
 
 
-ASYMMETRIC = Problem(
-    [[0.0], [1.0], [0.4]],
-    Limits(
-        [[-1, 0.6]],
-        [[-3.0, 2.0]],
-        [[-4.0, 9.0]],
-    ),
-)
+ASYMMETRIC = Problem([[0.0], [1.0], [0.4]], Limits([[-1, 0.6]], [[-3.0, 2.0]], [[-4.0, 9.0]]))
 # the second joint has no jerk limit
-MIXED = Problem(
-    [[0.0, 0], [0.5, 1], [1.0, 0.5]],
-    Limits(
-        [1, 2],
-        [3, 4],
-        [8.0, np.inf],
-    ),
-)
-RESTING = Problem(
-    [[0.0, 1], [0.5, 1], [0.2, 1]],
-    Limits(
-        [1, 1],
-        [2, 2],
-        [8.0, 8.0],
-    ),
-)
+MIXED = Problem([[0.0, 0], [0.5, 1], [1.0, 0.5]], Limits([1, 2], [3, 4], [8.0, np.inf]))
+RESTING = Problem([[0.0, 1], [0.5, 1], [0.2, 1]], Limits([1, 1], [2, 2], [8.0, 8.0]))
 WITHOUT = load("six-axis").without("jerk", "position")
 
 

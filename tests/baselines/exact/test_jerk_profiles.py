@@ -98,15 +98,7 @@ def drawn(kinds: int) -> tuple[Array, Array]:
     x0, x1 = rng.uniform(-0.3, 0.3, (2, kinds))
     without_jerk = rng.random(kinds) < 0.1
     up[without_jerk] = down[without_jerk] = 0.0
-    return np.array(
-        [
-            np.log(t),
-            x0,
-            a,
-            x1,
-            b,
-        ]
-    ), np.array([top, fall, rise, down, up, h])
+    return np.array([np.log(t), x0, a, x1, b]), np.array([top, fall, rise, down, up, h])
 
 
 def profiles(variables: Array, numbers: Array) -> Profiles:
@@ -153,26 +145,11 @@ def test_constant_jerk_through_a_brief_segment_is_within_reach(t: float) -> None
     b = a + jerk * t
     mean = (a + b) / 2
     # u = h/T − a T/2 − j T²/6 and w = h/T + b T/2 − j T²/6, in units of T, h/T less
-    ends = np.array(
-        [
-            -a / 2 - jerk * t / 6,
-            b / 2 - jerk * t / 6,
-        ]
-    )
+    ends = np.array([-a / 2 - jerk * t / 6, b / 2 - jerk * t / 6])
     for sign, up, down in ((1.0, 0.5, 1.0), (-1.0, 1.0, 0.5)):
         steepest = np.full((2, 1, cells), 2.0)
-        limits = Limits(
-            steepest,
-            side(np.full(cells, 1e9)),
-            side(up / t),
-            side(down / t),
-            0,
-        )
-        found = Profiles(
-            sign * ends[:, None],
-            sign * both(a, -b),
-            limits,
-        )
+        limits = Limits(steepest, side(np.full(cells, 1e9)), side(up / t), side(down / t), 0)
+        found = Profiles(sign * ends[:, None], sign * both(a, -b), limits)
         assert found.reachable.all()
         assert (found.value > 0).all()
         assert (found.value < t).all()

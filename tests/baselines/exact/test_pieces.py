@@ -24,11 +24,7 @@ def test_coefficients_lead_from_each_break_to_the_next() -> None:
     lengths = pieces.lengths
     coefficients = pieces.integrated(u)
     unit = polynomials.stretched(coefficients, lengths)
-    expected = [
-        position[1:],
-        velocity[1:] * lengths,
-        pieces.end * lengths**2,
-    ]
+    expected = [position[1:], velocity[1:] * lengths, pieces.end * lengths**2]
     for order, values in enumerate(expected):
         ends = polynomials.derivative(unit, order).sum(axis=0)
         np.testing.assert_allclose(ends, values, atol=1e-13)
@@ -44,21 +40,9 @@ def test_pieces_of_no_length_change_nothing() -> None:
 
 def test_two_pieces_become_one() -> None:
     """Lengths 1, 3, 2 become 4, 2; the second joint's acceleration may jump."""
-    lengths = [
-        [[1.0]],
-        [[3.0]],
-        [[2.0]],
-    ]
-    start = [
-        [[0.0, 5.0]],
-        [[1.0, 7.0]],
-        [[7.0, 9.0]],
-    ]
-    jerk = [
-        [[1.0, 0.0]],
-        [[2.0, 0.0]],
-        [[0.0, 0.0]],
-    ]
+    lengths = [[[1.0]], [[3.0]], [[2.0]]]
+    start = [[[0.0, 5.0]], [[1.0, 7.0]], [[7.0, 9.0]]]
+    jerk = [[[1.0, 0.0]], [[2.0, 0.0]], [[0.0, 0.0]]]
     pieces = Pieces(*map(np.array, (lengths, start, jerk)))
     jerky = np.array([True, False])
     joined = pieces.joined(np.array([0]), jerky)

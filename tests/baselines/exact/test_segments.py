@@ -20,11 +20,7 @@ def sides(limit: float) -> np.ndarray:
     return np.array([[-limit], [limit]])
 
 
-def ending(
-    pieces: Pieces,
-    u: float,
-    jerk: float,
-) -> Segments:
+def ending(pieces: Pieces, u: float, jerk: float) -> Segments:
     """The segment that these pieces pass, with limits of 9, 9 and this jerk."""
     at_start = np.array([[u]])
     velocity, position = pieces.passed(at_start)

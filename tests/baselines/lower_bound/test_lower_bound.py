@@ -78,11 +78,7 @@ def test_a_segment_near_rounding_is_left_unproved() -> None:
     assert bound.status == "stopped: no progress"
     # 3 d1/t1 <= V = 1 and 6 d1/t1^2 <= A = 2 for d1 = 1, twice; the middle one takes no time
     assert bound.lower_bound <= 6.0
-    longer = certify(
-        one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0),
-        "spline353",
-        time_limit=2,
-    )
+    longer = certify(one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0), "spline353", time_limit=2)
     assert longer.status == "proved"
     assert longer.lower_bound <= 6.0 <= longer.upper_bound * (1 + 1e-9)
 
@@ -102,11 +98,7 @@ def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_random_splines_with_and_without_jerk(seed: int) -> None:
-    problem = random_problem(
-        seed,
-        waypoints=4,
-        jerk=seed % 2 == 0,
-    )
+    problem = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
     answer = Spline353NLP().solve(problem).trajectory
     bound = certify(problem, "spline353", within=1e-3, time_limit=4)
     sane(bound, problem)
@@ -114,15 +106,7 @@ def test_random_splines_with_and_without_jerk(seed: int) -> None:
     assert bound.lower_bound <= answer.duration * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    "joints",
-    [
-        [1],
-        [3],
-        [1, 2],
-        [3, 4, 5],
-    ],
-)
+@pytest.mark.parametrize("joints", [[1], [3], [1, 2], [3, 4, 5]])
 def test_some_joints_against_a_search_over_the_ratios(joints: list[int]) -> None:
     """Random times, dilated exactly: none may beat the bound, the best must come near."""
     problem = load("six-axis").only(joints)
@@ -170,20 +154,8 @@ def test_position_limits_bound_the_353_too() -> None:
 
 
 def test_no_353_passes_a_limit_at_speed() -> None:
-    limits = Limits(
-        [2.0],
-        [5.0],
-        position=[[0.0, 1.0]],
-    )
-    problem = Problem(
-        [
-            [0.2],
-            [1.0],
-            [0.5],
-            [0.0],
-        ],
-        limits,
-    )
+    limits = Limits([2.0], [5.0], position=[[0.0, 1.0]])
+    problem = Problem([[0.2], [1.0], [0.5], [0.0]], limits)
     bound = certify(problem, "spline353")
     assert bound.status == "infeasible"
     assert bound.lower_bound == np.inf
@@ -209,14 +181,7 @@ def test_without_a_solver_the_message_is_the_command(monkeypatch: pytest.MonkeyP
         certify(load("six-axis"))
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"family": "5-3-5"},
-        {"within": 0},
-        {"time_limit": -1},
-    ],
-)
+@pytest.mark.parametrize("wrong", [{"family": "5-3-5"}, {"within": 0}, {"time_limit": -1}])
 def test_wrong_arguments(wrong: dict[str, object]) -> None:
     with pytest.raises(InvalidInput):
         Certify(**wrong).bound(load("six-axis"))  # type: ignore[arg-type]

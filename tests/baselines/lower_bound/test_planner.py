@@ -39,8 +39,7 @@ def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
     # at the limit the jerk jumps: with the rows of `extremal.py` alone 13 % stay open
     position = [[0, 1], [-0.5, 0.6]]
     problem = Problem(
-        [[0, 0], [1, -0.5], [0.4, 0.6]],
-        Limits([1, 1], [2, 2], jerk=[20, 20], position=position),
+        [[0, 0], [1, -0.5], [0.4, 0.6]], Limits([1, 1], [2, 2], jerk=[20, 20], position=position)
     )
     planner = Certify(within=2e-3, time_limit=20.0)
     solution = planner.solve(problem)
@@ -52,15 +51,7 @@ def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
 def test_a_bound_of_splines_is_not_a_bound_of_every_trajectory():
     planner = Certify(family="spline353", within=1e-2, time_limit=20.0)
     # one way with waypoints on it: the trapezoid of 1.5/1 + 1/2 s passes them, a 3-5-3 is slower
-    problem = Problem(
-        [
-            [0.0],
-            [0.4],
-            [1.0],
-            [1.5],
-        ],
-        Limits([1.0], [2.0]),
-    )
+    problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]))
     solution = planner.solve(problem)
     bound = solution.stats["lower_bound"]
     assert planner.relation(problem) is Relation.RESTRICTION
@@ -115,9 +106,7 @@ def test_a_proof_of_splines_proves_nothing_of_a_faster_problem(proved):
     problem = load("reversal")
     limits = problem.limits
     faster_limits = replace(
-        limits,
-        velocity=2 * limits.velocity,
-        acceleration=4 * limits.acceleration,
+        limits, velocity=2 * limits.velocity, acceleration=4 * limits.acceleration
     )
     faster = replace(problem, limits=faster_limits)
     with pytest.raises(InvalidInput, match="proof"):
@@ -126,32 +115,14 @@ def test_a_proof_of_splines_proves_nothing_of_a_faster_problem(proved):
 
 @settings(deadline=None, max_examples=60)
 @given(
-    st.floats(-6, 6),
-    st.floats(-6, 6),
-    st.sampled_from(
-        [
-            "six-axis",
-            "jerk-limit",
-            "asymmetric",
-        ]
-    ),
+    st.floats(-6, 6), st.floats(-6, 6), st.sampled_from(["six-axis", "jerk-limit", "asymmetric"])
 )
 def test_no_spline_is_shorter_than_the_stored_bound(first, last, name):
     """Each pair of ratios, dilated exactly, against the boxes: an independent formula."""
     problem = load(name).without("position")
     bound = stored_bound_of(name)
-    times = np.exp(
-        [
-            -first,
-            0.0,
-            -last,
-        ]
-    )
-    dilation = spline353.dilation(
-        problem.displacements.T,
-        times[None],
-        problem.limits,
-    )
+    times = np.exp([-first, 0.0, -last])
+    dilation = spline353.dilation(problem.displacements.T, times[None], problem.limits)
     assert times.sum() * dilation >= bound
 
 
@@ -168,11 +139,7 @@ def stored_bound_of(name):
 @pytest.mark.parametrize(("waypoints", "joints"), [(1000, 7), (4, 1000)])
 def test_the_time_limit_covers_building_the_model(waypoints, joints):
     rng = np.random.default_rng(0)
-    steps = rng.uniform(
-        -1,
-        1,
-        (waypoints, joints),
-    )
+    steps = rng.uniform(-1, 1, (waypoints, joints))
     limits = Limits(np.ones(joints), np.full(joints, 2.0))
     problem = Problem(np.cumsum(steps, axis=0), limits)
     began = time.perf_counter()

@@ -26,49 +26,18 @@ from trajopt.judging.verification import certified, verify
 from trajopt.planners.rest_to_rest import stop_times
 
 
-def limited_problem(
-    seed,
-    *,
-    jerk=True,
-    walls=False,
-    waypoints=4,
-    joints=2,
-    one_sided=False,
-):
+def limited_problem(seed, *, jerk=True, walls=False, waypoints=4, joints=2, one_sided=False):
     rng = np.random.default_rng(seed)
-    rows = rng.uniform(
-        -1,
-        1,
-        (waypoints, joints),
-    )
+    rows = rng.uniform(-1, 1, (waypoints, joints))
     signs = [-1, 1]
-    jerks = (
-        rng.uniform(
-            4,
-            40,
-            (joints, 2),
-        )
-        * signs
-        if jerk
-        else None
-    )
+    jerks = rng.uniform(4, 40, (joints, 2)) * signs if jerk else None
     if one_sided:
         jerks[0, 0] = -np.inf
         jerks[-1, 1] = np.inf
     ranges = np.array([rows.min(axis=0), rows.max(axis=0)]).T
     limits = Limits(
-        velocity=rng.uniform(
-            0.5,
-            2,
-            (joints, 2),
-        )
-        * signs,
-        acceleration=rng.uniform(
-            1,
-            4,
-            (joints, 2),
-        )
-        * signs,
+        velocity=rng.uniform(0.5, 2, (joints, 2)) * signs,
+        acceleration=rng.uniform(1, 4, (joints, 2)) * signs,
         jerk=jerks,
         position=ranges if walls else None,
     )
@@ -84,14 +53,7 @@ def random_cells(rng, *, jerky, walled):
     slope = np.full((count, 1), rng.normal())
     if walled:
         slope = rng.normal(size=(count, 1))
-    return np.hstack(
-        [
-            starts[:, None],
-            p,
-            q,
-            slope,
-        ]
-    )
+    return np.hstack([starts[:, None], p, q, slope])
 
 
 def variables(relaxation, problem, trajectory):
@@ -122,19 +84,9 @@ def assert_rows_hold(rows, x, rtol=0.0):
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(
     ("jerk", "walls", "one_sided"),
-    [
-        (True, False, False),
-        (False, False, False),
-        (True, True, False),
-        (True, True, True),
-    ],
+    [(True, False, False), (False, False, False), (True, True, False), (True, True, True)],
 )
-def test_every_row_holds_for_a_verified_trajectory(
-    seed,
-    jerk,
-    walls,
-    one_sided,
-):
+def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls, one_sided):
     problem = limited_problem(seed, jerk=jerk, walls=walls, one_sided=one_sided)
     planner = RuckigStop() if walls else RuckigVia(evaluations=300)
     trajectory = certified(problem, planner.solve(problem).trajectory)
@@ -149,16 +101,7 @@ def test_every_row_holds_for_a_verified_trajectory(
         k = int(rng.integers(relaxation.segments))
         j = int(rng.integers(relaxation.joints))
         cells = random_cells(rng, jerky=relaxation.jerky[j], walled=walls)
-        row = cuts(
-            relaxation,
-            [
-                costates.Cut(
-                    k,
-                    j,
-                    cells,
-                )
-            ],
-        )
+        row = cuts(relaxation, [costates.Cut(k, j, cells)])
         assert_rows_hold(row, x, rtol=1e-7)
     for _ in range(20):
         below, above = np.abs(rng.normal(size=(2, relaxation.variables)))
@@ -172,23 +115,9 @@ def test_every_row_holds_for_a_verified_trajectory(
         places = rng.uniform(0.01, 5, relaxation.segments)
         touching = [SquareTangent(k, at) for k, at in enumerate(places.tolist())]
         assert_rows_hold(square_rows(relaxation, touching, box), x)
-    for side, k, j in np.ndindex(
-        2,
-        relaxation.segments,
-        relaxation.joints,
-    ):
+    for side, k, j in np.ndindex(2, relaxation.segments, relaxation.joints):
         if np.isfinite(relaxation.j[side, j]):
-            assert_rows_hold(
-                ramp_row(
-                    relaxation,
-                    Ramp(
-                        k,
-                        j,
-                        side,
-                    ),
-                ),
-                x,
-            )
+            assert_rows_hold(ramp_row(relaxation, Ramp(k, j, side)), x)
 
 
 def test_a_square_tangent_has_no_slack_where_the_inverse_is_exact():
@@ -196,16 +125,8 @@ def test_a_square_tangent_has_no_slack_where_the_inverse_is_exact():
     relaxation = Relaxation.of(problem, 20.0)
     root = relaxation.root_box()
     time = relaxation.time[1]
-    for t in np.linspace(
-        root.low[time],
-        root.high[time],
-        7,
-    )[1:-1].tolist():
-        row = square_rows(
-            relaxation,
-            [SquareTangent(1, t)],
-            root,
-        )
+    for t in np.linspace(root.low[time], root.high[time], 7)[1:-1].tolist():
+        row = square_rows(relaxation, [SquareTangent(1, t)], root)
         x = np.zeros(relaxation.variables)
         x[time] = t
         x[relaxation.inverse[1]] = 1 / t
@@ -220,24 +141,12 @@ def test_the_integral_of_a_quadratic_is_bounded_from_above_and_tightly():
     quadratic[:, :20] = 0.0
     quadratic[2, 20:60] = 0.0
     widths = rng.uniform(0, 2, 200)
-    s = (
-        np.linspace(
-            0,
-            1,
-            20001,
-        )[:, None]
-        * widths
-    )
+    s = np.linspace(0, 1, 20001)[:, None] * widths
     f = quadratic[0] + s * (quadratic[1] + s * quadratic[2])
     weighed = 3.0 * np.maximum(f, 0) + 2.0 * np.maximum(-f, 0)
     # the trapezoidal rule
     expected = (weighed[1:] + weighed[:-1]).sum(axis=0) / 2 * widths / 20000
-    bound = costates.integral(
-        tuple(quadratic),
-        widths,
-        2.0,
-        3.0,
-    )
+    bound = costates.integral(tuple(quadratic), widths, 2.0, 3.0)
     assert bound == pytest.approx(expected, abs=1e-6)
 
 
@@ -265,28 +174,10 @@ def test_idle_rows_leave_the_program_and_are_found_again():
 
 
 @pytest.mark.parametrize(
-    ("v", "a", "j", "h"),
-    [
-        (1, 2, 8, 1.5),
-        (10, 20, 3, 1.0),
-        (1, 9, 5, 4.0),
-        (10, 2, 300, 1.0),
-    ],
+    ("v", "a", "j", "h"), [(1, 2, 8, 1.5), (10, 20, 3, 1.0), (1, 9, 5, 4.0), (10, 2, 300, 1.0)]
 )
-def test_two_waypoints_meet_ruckigs_optimum(
-    v,
-    a,
-    j,
-    h,
-):
-    problem = Problem(
-        [[0.0], [h]],
-        Limits(
-            [v],
-            [a],
-            [j],
-        ),
-    )
+def test_two_waypoints_meet_ruckigs_optimum(v, a, j, h):
+    problem = Problem([[0.0], [h]], Limits([v], [a], [j]))
     optimum = RuckigStop().solve(problem).trajectory.duration
     bound = certify(problem, within=1e-7, time_limit=20)
     assert bound.status == "proved"
@@ -304,47 +195,19 @@ def test_asymmetric_limits_meet_the_trapezoid():
 @pytest.mark.parametrize("step", [1e-4, 1e-10])
 def test_a_tiny_step_beside_long_ones_does_not_hide_them(step):
     """Forth, a tiny step back, forth again: the joint is at rest where it turns."""
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [1.0 - step],
-            [2.0],
-        ],
-        Limits([1.5], [2.0]),
-    )
+    problem = Problem([[0.0], [1.0], [1.0 - step], [2.0]], Limits([1.5], [2.0]))
     optimum = stop_times(problem).sum()
-    proof = prove(
-        problem,
-        optimum * (1 - 1e-5),
-        1e-5,
-        np.inf,
-    )
+    proof = prove(problem, optimum * (1 - 1e-5), 1e-5, np.inf)
     assert optimum * (1 - 2e-5) <= proof.lower_bound <= optimum
 
 
 def test_waypoints_of_all_scales_along_a_straight_line_cost_nothing():
-    steps = 2.0 ** np.array(
-        [
-            0,
-            -33,
-            -7,
-            -20,
-            -1,
-            -30,
-            -3,
-        ]
-    )
+    steps = 2.0 ** np.array([0, -33, -7, -20, -1, -30, -3])
     places = np.append(0.0, np.cumsum(steps))
     problem = Problem(places[:, None], Limits([1.0], [2.0]))
     # h/V + V/A
     optimum = places[-1] + 0.5
-    proof = prove(
-        problem,
-        optimum * (1 - 1e-5),
-        1e-5,
-        np.inf,
-    )
+    proof = prove(problem, optimum * (1 - 1e-5), 1e-5, np.inf)
     assert optimum * (1 - 2e-5) <= proof.lower_bound <= optimum
 
 
@@ -354,14 +217,7 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
     v, j = 0.5, 10.0
     sides = [-j, j]
     sides[free_side] *= np.inf
-    problem = Problem(
-        [[0.0], [1.0]],
-        Limits(
-            [[-1, v]],
-            [[-1.0, 4.0]],
-            [sides],
-        ),
-    )
+    problem = Problem([[0.0], [1.0]], Limits([[-1, v]], [[-1.0, 4.0]], [sides]))
     # up, the peak acceleration stays below 4: one side jumps and the other takes √(2 V/J)
     ramp = np.sqrt(2 * v / j)
     # down, acceleration −1 is held but for a ramp of 1/J
@@ -383,39 +239,10 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
 
 def between_states(rng):
     """Ruckig's quickest way between two states, `(v, a, j, h, state, state, time)`."""
-    v, a, j = rng.uniform(
-        [
-            0.5,
-            0.5,
-            1.0,
-        ],
-        [2.0, 4.0, 40.0],
-    )
-    h = rng.uniform(-1, 1) * rng.choice(
-        [
-            0.05,
-            0.3,
-            1.0,
-        ]
-    )
-    v0, v1 = (
-        rng.uniform(
-            -1,
-            1,
-            2,
-        )
-        * v
-        * rng.choice([0.2, 0.95])
-    )
-    a0, a1 = (
-        rng.uniform(
-            -1,
-            1,
-            2,
-        )
-        * a
-        * rng.choice([0.0, 0.3, 0.95])
-    )
+    v, a, j = rng.uniform([0.5, 0.5, 1.0], [2.0, 4.0, 40.0])
+    h = rng.uniform(-1, 1) * rng.choice([0.05, 0.3, 1.0])
+    v0, v1 = rng.uniform(-1, 1, 2) * v * rng.choice([0.2, 0.95])
+    a0, a1 = rng.uniform(-1, 1, 2) * a * rng.choice([0.0, 0.3, 0.95])
     fastest_start = abs(v0) + a0**2 / (2 * j)
     fastest_end = abs(v1) + a1**2 / (2 * j)
     if max(fastest_start, fastest_end) > v:
@@ -432,39 +259,17 @@ def between_states(rng):
     given.max_jerk = [j]
     motion = ruckig.Trajectory(1)
     otg.calculate(given, motion)
-    return (
-        (
-            v,
-            a,
-            j,
-        ),
-        h,
-        (v0, v1),
-        (a0, a1),
-        motion.duration,
-    )
+    return ((v, a, j), h, (v0, v1), (a0, a1), motion.duration)
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_no_rows_of_extremal_motions_are_missing_and_none_is_false(seed):
     limits, h, velocities, accelerations, quickest = between_states(np.random.default_rng(seed))
     v, a, j = limits
-    problem = Problem(
-        [
-            [0.0],
-            [1.0],
-            [1.0 + h],
-            [0.0],
-        ],
-        Limits([v], [a], [j]),
-    )
+    problem = Problem([[0.0], [1.0], [1.0 + h], [0.0]], Limits([v], [a], [j]))
     relaxation = Relaxation.of(problem, 8 * quickest + 6)
     length = relaxation.length_units[0]
-    for shorter, is_broken in (
-        (1e-2, True),
-        (1e-4, True),
-        (-1e-7, False),
-    ):
+    for shorter, is_broken in ((1e-2, True), (1e-4, True), (-1e-7, False)):
         time = quickest * (1 - shorter) / relaxation.time_unit
         x = np.zeros(relaxation.variables)
         x[relaxation.time] = time
@@ -514,12 +319,7 @@ def proved_with_jerk():
     problem = replace(walk, waypoints=walk.waypoints[4:9]).only([0, 1])
     motion = ExactJerk(starts=1).solve(problem).trajectory
     known = verify(problem, motion).certified_duration
-    found = prove(
-        problem,
-        known / (1 + 1e-3),
-        1e-3,
-        np.inf,
-    )
+    found = prove(problem, known / (1 + 1e-3), 1e-3, np.inf)
     return problem, known, found
 
 
@@ -561,18 +361,7 @@ def test_rows_of_other_segments_joints_or_sides_are_refused(proved_with_jerk, na
 
 def test_no_ramp_bounds_a_jerk_that_is_free(proved):
     problem, bound = proved
-    free = replace(
-        bound.proof,
-        ramps=np.array(
-            [
-                [
-                    0.0,
-                    0.0,
-                    1.0,
-                ]
-            ]
-        ),
-    )
+    free = replace(bound.proof, ramps=np.array([[0.0, 0.0, 1.0]]))
     with pytest.raises(InvalidInput, match="jerk limit"):
         proved_bound(problem, free)
 
@@ -589,12 +378,7 @@ def test_rounding_a_proof_of_many_steps_costs_no_more_than_its_digits():
     problem = limited_problem(0, waypoints=5)
     motion = ExactJerk(starts=1).solve(problem).trajectory
     known = verify(problem, motion).certified_duration
-    found = prove(
-        problem,
-        known / (1 + 5e-4),
-        5e-4,
-        np.inf,
-    )
+    found = prove(problem, known / (1 + 5e-4), 5e-4, np.inf)
     moves = found.proof.steps[:, 0] <= LOWER
     assert moves.sum() > 10
     arrays = vars(found.proof)
@@ -607,11 +391,7 @@ def test_rounding_a_proof_of_many_steps_costs_no_more_than_its_digits():
     # a side that is stated farther than its multipliers prove is moved no farther
     boasting = found.proof.steps.copy()
     raises = boasting[moves, 0] == RAISE
-    boasting[moves, 2] *= np.where(
-        raises,
-        1.1,
-        0.9,
-    )
+    boasting[moves, 2] *= np.where(raises, 1.1, 0.9)
     assert proved_bound(problem, replace(found.proof, steps=boasting)) <= known
 
 
@@ -643,13 +423,7 @@ def test_a_proof_proves_no_more_than_is_true(proved):
     assert proved_bound(problem, higher) <= 2.0
 
 
-@pytest.mark.parametrize(
-    ("length", "limits"),
-    [
-        (1.0, ([2.0], [4.0])),
-        (0.5, ([1.0], [2.0])),
-    ],
-)
+@pytest.mark.parametrize(("length", "limits"), [(1.0, ([2.0], [4.0])), (0.5, ([1.0], [2.0]))])
 def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved, length, limits):
     problem, bound = proved
     faster = Problem(length * problem.waypoints, Limits(*limits))
@@ -657,28 +431,10 @@ def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved, length, li
     assert proved_bound(faster, bound.proof) <= 1.25
 
 
-@pytest.mark.parametrize(
-    ("waypoints", "joints"),
-    [
-        ([0, 3], 1),
-        (
-            [
-                0,
-                1,
-                2,
-                3,
-            ],
-            2,
-        ),
-    ],
-)
+@pytest.mark.parametrize(("waypoints", "joints"), [([0, 3], 1), ([0, 1, 2, 3], 2)])
 def test_a_proof_of_other_segments_or_joints_is_refused(proved, waypoints, joints):
     problem, bound = proved
-    rows = np.repeat(
-        problem.waypoints[waypoints],
-        joints,
-        axis=1,
-    )
+    rows = np.repeat(problem.waypoints[waypoints], joints, axis=1)
     other = Problem(rows, Limits([2.0] * joints, [4.0] * joints))
     with pytest.raises(InvalidInput, match="proof"):
         proved_bound(other, bound.proof)
@@ -690,32 +446,9 @@ def test_a_proof_of_other_segments_or_joints_is_refused(proved, waypoints, joint
         ("units", [0.3, 1.0]),
         ("cutoff", [-1.0]),
         ("cuts", [[0, 7, 1]]),
-        (
-            "steps",
-            [
-                [
-                    3,
-                    0,
-                    0,
-                    10**6,
-                ]
-            ],
-        ),
+        ("steps", [[3, 0, 0, 10**6]]),
         ("steps", [[2, 0, 0.5, 0]]),
-        (
-            "cells",
-            [
-                [
-                    0.5,
-                    0,
-                    0,
-                    0,
-                    0,
-                    0,
-                    1,
-                ]
-            ],
-        ),
+        ("cells", [[0.5, 0, 0, 0, 0, 0, 1]]),
     ],
 )
 def test_a_damaged_proof_is_refused(proved, name, value):
@@ -728,12 +461,7 @@ def test_a_damaged_proof_is_refused(proved, name, value):
 
 def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
     planner = Certify(within=1e-3, time_limit=20.0)
-    (trial,) = judge(
-        planner,
-        load("one-joint"),
-        [0],
-        "certify",
-    )
+    (trial,) = judge(planner, load("one-joint"), [0], "certify")
     folder.Store(tmp_path).write(trial)
     assert verification(tmp_path).holds
     edited = replace(trial, solution=replace(trial.solution, lower_bound=1.4))
@@ -749,13 +477,7 @@ def test_the_optimum_s_own_costates_save_linear_programs() -> None:
     best = incumbent(problem, seconds=1.0)
     assert best is not None
     target = best.duration / (1 + 1e-4)
-    found = prove(
-        problem,
-        target,
-        1e-4,
-        np.inf,
-        best.trajectory,
-    )
+    found = prove(problem, target, 1e-4, np.inf, best.trajectory)
     without = prove(problem, target, 1e-4, np.inf)
     assert found.programs < without.programs
     assert target <= found.lower_bound <= best.duration
@@ -766,11 +488,5 @@ def test_rows_of_a_motion_on_which_the_solver_breaks_down_are_left() -> None:
     best = incumbent(problem, seconds=0.5)
     assert best is not None
     target = best.duration / (1 + 1e-4)
-    found = prove(
-        problem,
-        target,
-        1e-4,
-        np.inf,
-        best.trajectory,
-    )
+    found = prove(problem, target, 1e-4, np.inf, best.trajectory)
     assert target <= found.lower_bound <= best.duration

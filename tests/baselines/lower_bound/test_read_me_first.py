@@ -36,15 +36,7 @@ def test_any_multipliers_prove_some_bound_and_never_a_false_one() -> None:
 
 
 def test_the_best_353_spline_has_a_bound_of_its_own() -> None:
-    problem = Problem(
-        [
-            [0.0],
-            [0.4],
-            [1.0],
-            [1.5],
-        ],
-        Limits([1.0], [2.0]),
-    )
+    problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]))
     spline = certify(problem, "spline353", within=1e-3)
     every = certify(problem, within=1e-3)
     assert every.upper_bound == pytest.approx(2.0, rel=1e-6)

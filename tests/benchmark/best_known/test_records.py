@@ -23,11 +23,7 @@ CLOSED = replace(OURS, method=CLOSED_FORM)
 # 1 rad at 1 rad/s² from rest to rest takes 2 s; the second joint needs less and waits.
 PROBLEM = Problem(
     [[0.0, 0.1], [1.0, -0.1]],
-    Limits(
-        [5.0, [-2.0, 1.5]],
-        [1.0, 1.0],
-        position=[[-1.0, 2.0], [-np.inf, np.inf]],
-    ),
+    Limits([5.0, [-2.0, 1.5]], [1.0, 1.0], position=[[-1.0, 2.0], [-np.inf, np.inf]]),
     "Gelenk ①/2",
     "made up",
     ["a", "b"],
@@ -40,13 +36,7 @@ def motion(duration=2.0):
     half = duration / 2
     a = np.array([1.0, -0.2]) / half**2
     up = np.array([a / 2, 0 * a, PROBLEM.waypoints[0]])
-    down = np.array(
-        [
-            -a / 2,
-            a * half,
-            PROBLEM.waypoints.mean(axis=0),
-        ]
-    )
+    down = np.array([-a / 2, a * half, PROBLEM.waypoints.mean(axis=0)])
     coefficients = np.stack([up, down], axis=1)
     return Trajectory([0.0, half, duration], coefficients, [0.0, duration])
 
@@ -89,10 +79,7 @@ def edited(*path, value):
 
 
 def test_everything_comes_back(tmp_path):
-    proof = {
-        "cells": np.array([[0.0, 1e-17], [1 / 3, -2.0]]),
-        "cutoff": np.array([7.0]),
-    }
+    proof = {"cells": np.array([[0.0, 1e-17], [1 / 3, -2.0]]), "cutoff": np.array([7.0])}
     own = record(**proof)
     back = records.read(written(tmp_path, own))
     assert back.problem.digest() == PROBLEM.digest()
@@ -110,10 +97,7 @@ def test_a_record_is_a_trials_text_that_states_the_motion_joint_by_joint(tmp_pat
     stated = trial_text.row(file.read_bytes())
     assert stated["solution"]["trajectory"] == {
         "waypoint_times": [0.0, 2.0],
-        "joints": [
-            [[0.0, 0.5, 0.0, 0.0], [1.0, -0.5]],
-            [[0.0, -0.1, 0.0, 0.1], [1.0, 0.1]],
-        ],
+        "joints": [[[0.0, 0.5, 0.0, 0.0], [1.0, -0.5]], [[0.0, -0.1, 0.0, 0.1], [1.0, 0.1]]],
     }
     assert stated["options"] == {"motion": asdict(OURS), "bound": asdict(CLOSED)}
     assert verification(file).holds
@@ -142,10 +126,7 @@ def test_what_is_true_holds(tmp_path):
         (record(lower_bound=2.0 + 1e-6, bound=OURS), "lower bound: recorded 2.000001"),
         (record(lower_bound=2.5), "lower bound: 2.5 s, but 2 s is certified"),
         (record(steps=np.ones((1, 4))), "lower bound: "),
-        (
-            record(problem=replace(PROBLEM, name="six-axis")),
-            "not those of the built-in six-axis",
-        ),
+        (record(problem=replace(PROBLEM, name="six-axis")), "not those of the built-in six-axis"),
     ],
 )
 def test_what_is_not_true_does_not_hold(tmp_path, own, said):

@@ -20,11 +20,7 @@ BOUND = Origin(CLOSED_FORM, "0.1.0", "2026-11-22")
 
 def bang_bang():
     halves = [[0.5, -0.5], [0.0, 1.0], [0.0, 0.5]]
-    return Trajectory(
-        np.array([0.0, 1.0, 2.0]),
-        np.array(halves)[:, :, None],
-        np.array([0.0, 2.0]),
-    )
+    return Trajectory(np.array([0.0, 1.0, 2.0]), np.array(halves)[:, :, None], np.array([0.0, 2.0]))
 
 
 def written(folder, *, lower_bound=OPTIMUM, origin=BOUND):

@@ -61,12 +61,7 @@ def test_a_planner_has_a_process_of_its_own_whose_clock_is_not_believed(
 def test_a_message_holds_every_number_of_an_answer_exactly() -> None:
     rng = np.random.default_rng(0)
     coefficients = rng.normal(size=(4, 2, 3))
-    stats = {
-        "array": rng.normal(size=(2, 2)),
-        "counts": np.arange(3),
-        "text": "x",
-        "inf": np.inf,
-    }
+    stats = {"array": rng.normal(size=(2, 2)), "counts": np.arange(3), "text": "x", "inf": np.inf}
     whole = Solution(
         Status.SOLVED,
         Trajectory([0, 0.1, 0.3], coefficients, [0, 0.3]),

@@ -53,11 +53,7 @@ def test_a_crash_while_writing_leaves_no_file_and_an_old_one_intact(
     def crash(*_):
         raise RuntimeError("pulled the plug")
 
-    place = {
-        "write": (Path, "write_bytes"),
-        "sync": (atomic, "_sync"),
-        "rename": (os, "replace"),
-    }
+    place = {"write": (Path, "write_bytes"), "sync": (atomic, "_sync"), "rename": (os, "replace")}
     results = Store(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(*place[moment], crash)
@@ -110,11 +106,7 @@ def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, 
     steps = []
     sync = atomic._sync
     rename = os.replace
-    monkeypatch.setattr(
-        atomic,
-        "_sync",
-        lambda p: (steps.append(Path(p).suffix), sync(p)),
-    )
+    monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
     monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     Store(tmp_path).write(trial)
     assert steps == [".tmp", "rename", ""]
@@ -124,11 +116,7 @@ def test_trials_that_finish_together_are_synced_before_any_is_renamed(tmp_path, 
     steps = []
     sync = atomic._sync
     rename = os.replace
-    monkeypatch.setattr(
-        atomic,
-        "_sync",
-        lambda p: (steps.append(Path(p).suffix), sync(p)),
-    )
+    monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
     monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     trials = [replace(trial, seed=seed) for seed in range(3)]
     paths = [written.path for written in Store(tmp_path).write_all(trials)]
@@ -265,10 +253,7 @@ def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(t
     results.write(trial)
     assert files(tmp_path) == [f"trials/{trial.id}.json"]
     results.write(absent_of(trial))  # a run elsewhere, without the backend, into this folder
-    for found in (
-        results.read(),
-        read(results.consolidate()),
-    ):
+    for found in (results.read(), read(results.consolidate())):
         assert [t.status for t in found] == [Status.SOLVED]
     assert finished(results) == {trial.id}
 
@@ -505,21 +490,10 @@ def test_killed_writers_lose_nothing_they_reported(tmp_path):
     rng = np.random.default_rng(1)
     promised = set()
     for turn in range(2):
-        command = [
-            sys.executable,
-            "-c",
-            WRITER,
-            str(tmp_path),
-            str(Path(__file__).parents[2]),
-        ]
+        command = [sys.executable, "-c", WRITER, str(tmp_path), str(Path(__file__).parents[2])]
         running = [
             subprocess.Popen(
-                [
-                    *command,
-                    str(10**5 * (2 * turn + k)),
-                ],
-                stdout=subprocess.PIPE,
-                text=True,
+                [*command, str(10**5 * (2 * turn + k))], stdout=subprocess.PIPE, text=True
             )
             for k in range(2)
         ]

@@ -12,28 +12,9 @@ from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.store.own_breaks import SAME_RTOL
 
 # 1 rad from rest to rest at 1 rad/s²; a second joint that stays; a third that starts later.
-BANG = (
-    np.array([0.0, 1.0, 2.0]),
-    np.array(
-        [
-            [0.5, -0.5],
-            [0.0, 1.0],
-            [0.0, 0.5],
-        ]
-    ),
-)
+BANG = (np.array([0.0, 1.0, 2.0]), np.array([[0.5, -0.5], [0.0, 1.0], [0.0, 0.5]]))
 REST = (np.array([0.0, 2.0]), np.array([[0.2]]))
-LATE = (
-    np.array([0.0, 0.5, 2.0]),
-    np.array(
-        [
-            [0.0, 1.0],
-            [0.0, 0.0],
-            [0.0, 0.0],
-            [0.3, 0.3],
-        ]
-    ),
-)
+LATE = (np.array([0.0, 0.5, 2.0]), np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0], [0.3, 0.3]]))
 BRIEF = {
     "waypoint_times": [0.0, 2.0],
     "joints": [

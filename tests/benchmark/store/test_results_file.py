@@ -31,11 +31,7 @@ def kinds():
     failed = Solution(Status.FAILED, message="no")
     bare = replace(a, seed=4, status=Status.FAILED, solution=failed)
     bare = replace(bare, message="no", certificate=None, setup_time=0.0)
-    stats = {
-        "times": np.ones((2, 2)),
-        "more": np.arange(5.0),
-        "kind": 3,
-    }
+    stats = {"times": np.ones((2, 2)), "more": np.arange(5.0), "kind": 3}
     odd = replace(a.solution, stats=stats, history=np.zeros((0, 2)))
     odd = replace(a, seed=6, solution=odd)
     return [bare, a, b, odd, replace(a, seed=8)]

@@ -71,12 +71,7 @@ def test_every_field_of_a_real_planner_comes_back(stored, spec):
 def test_failures_are_trials_with_a_status(stored, trial, status):
     solution = Solution(status, message="why not")
     failure = replace(
-        trial,
-        status=status,
-        message="why not",
-        solution=solution,
-        certificate=None,
-        setup_time=0.0,
+        trial, status=status, message="why not", solution=solution, certificate=None, setup_time=0.0
     )
     assert_same(stored(failure), failure)
 
@@ -94,15 +89,7 @@ def test_certificates_of_all_kinds_come_back(stored):
     assert back.certified_duration is None
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "Traceback …\n" + "ß∞𝔘" * 50_000,
-        "",
-        "\t\n'\"\\",
-        "x" * 5000,
-    ],
-)
+@pytest.mark.parametrize("text", ["Traceback …\n" + "ß∞𝔘" * 50_000, "", "\t\n'\"\\", "x" * 5000])
 def test_long_and_odd_text_survives(stored, trial, text):
     assert stored(replace(trial, message=text)).message == text
 
@@ -118,12 +105,7 @@ def test_text_that_steers_terminals_is_spelled_out(stored, trial):
 
 
 def test_options_that_json_lacks_keep_the_identity(stored, trial):
-    odd = {
-        "x": np.inf,
-        "t": (1, 2),
-        "nan": np.nan,
-        "deep": {"a": [None]},
-    }
+    odd = {"x": np.inf, "t": (1, 2), "nan": np.nan, "deep": {"a": [None]}}
     odd = replace(trial, options=odd)
     back = stored(odd)
     assert back.id == odd.id
@@ -165,45 +147,21 @@ def test_stats_of_every_kind_come_back(stored, trial):
     assert all(isinstance(value, float) for value in back["whole"])
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        object(),
-        b"bytes",
-        {1, 2},
-        1j,
-        np.array([object()]),
-    ],
-)
+@pytest.mark.parametrize("value", [object(), b"bytes", {1, 2}, 1j, np.array([object()])])
 def test_what_cannot_be_kept_is_a_type_error_that_shows_it(trial, value):
     odd = replace(trial.solution, stats={"x": value})
     with pytest.raises(TypeError, match=r"cannot hold"):
         trial_text.write(replace(trial, solution=odd))
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        {"$float": "x"},
-        {"$array": 1},
-        np.zeros(2_500_000),
-    ],
-)
+@pytest.mark.parametrize("value", [{"$float": "x"}, {"$array": 1}, np.zeros(2_500_000)])
 def test_what_would_not_be_read_back_is_not_written(trial, value):
     odd = replace(trial.solution, stats={"x": value})
     with pytest.raises((ValueError, TypeError, KeyError)):
         trial_text.write(replace(trial, solution=odd))
 
 
-@pytest.mark.parametrize(
-    "odd",
-    [
-        np.inf,
-        2.5,
-        np.float32(3),
-        Fraction(7, 2),
-    ],
-)
+@pytest.mark.parametrize("odd", [np.inf, 2.5, np.float32(3), Fraction(7, 2)])
 def test_odd_numbers_of_a_planner_do_not_spoil_the_file(stored, trial, odd):
     solution = replace(trial.solution, lower_bound=odd)
     back = stored(replace(trial, solution=solution))
@@ -217,14 +175,7 @@ def test_seeds_of_64_bits_come_back_and_others_are_refused(stored, trial):
             trial_text.write(replace(trial, seed=seed))
 
 
-@pytest.mark.parametrize(
-    "history",
-    [
-        None,
-        np.zeros((0, 2)),
-        np.array([[1.0, np.inf]]),
-    ],
-)
+@pytest.mark.parametrize("history", [None, np.zeros((0, 2)), np.array([[1.0, np.inf]])])
 def test_an_empty_history_is_not_the_same_as_none(stored, trial, history):
     one = replace(trial, solution=replace(trial.solution, history=history))
     assert_same(stored(one), one)
@@ -386,8 +337,7 @@ def test_identity_is_numbers_planner_options_seed_and_version_and_not_the_name()
 
 
 @pytest.mark.parametrize(
-    ("spec", "change"),
-    [("issa", "levy=False"), ("toppra", "ends=natural"), ("exact", "starts=2")],
+    ("spec", "change"), [("issa", "levy=False"), ("toppra", "ends=natural"), ("exact", "starts=2")]
 )
 def test_every_option_of_every_registered_planner_is_in_the_identity(spec, change):
     ids = set()

@@ -69,15 +69,7 @@ def test_sizes_cover_one_to_seven_joints_and_three_to_eight_waypoints(problems):
     assert {len(p.waypoints) for p in problems} == set(range(3, 9))
 
 
-@pytest.mark.parametrize(
-    ("joints", "waypoints"),
-    [
-        (1, 3),
-        (7, 8),
-        (2, 2),
-        (6, 4),
-    ],
-)
+@pytest.mark.parametrize(("joints", "waypoints"), [(1, 3), (7, 8), (2, 2), (6, 4)])
 def test_sizes_can_be_chosen(joints, waypoints):
     shapes = {
         random_problem(s, joints=joints, waypoints=waypoints).waypoints.shape for s in range(20)

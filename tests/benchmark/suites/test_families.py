@@ -117,11 +117,7 @@ def test_sizes_and_jerk_can_be_chosen(family):
 
 @pytest.mark.parametrize(
     ("index", "sizes", "word"),
-    [
-        (-1, {}, "index"),
-        (0, {"joints": 0}, "joints"),
-        (0, {"waypoints": 1}, "waypoints"),
-    ],
+    [(-1, {}, "index"), (0, {"joints": 0}, "joints"), (0, {"waypoints": 1}, "waypoints")],
 )
 def test_sizes_that_make_no_problem_are_refused(index, sizes, word):
     with pytest.raises(InvalidInput, match=f"^{word} is"):
@@ -183,8 +179,7 @@ def test_near_collinear_is_near_and_not_collinear(drawn):
 
 
 @pytest.mark.parametrize(
-    ("family", "smallest", "largest"),
-    [("tiny", 1.6e-9, 1.6), ("huge", 0.2, 1.5e4)],
+    ("family", "smallest", "largest"), [("tiny", 1.6e-9, 1.6), ("huge", 0.2, 1.5e4)]
 )
 def test_tiny_and_huge_segments_are_among_ordinary_ones(drawn, family, smallest, largest):
     sizes = [np.abs(problem.displacements).max(axis=1) for problem in drawn[family]]
@@ -198,10 +193,7 @@ def test_tiny_and_huge_segments_are_among_ordinary_ones(drawn, family, smallest,
 
 
 @pytest.mark.parametrize("family", families.FAMILIES)
-@pytest.mark.parametrize(
-    ("limit", "low", "high"),
-    [("velocity", 0.5, 5), ("acceleration", 1, 20)],
-)
+@pytest.mark.parametrize(("limit", "low", "high"), [("velocity", 0.5, 5), ("acceleration", 1, 20)])
 def test_limits_are_unequal_in_their_family_and_moderate_elsewhere(drawn, family, limit, low, high):
     if family == "unequal":
         low = 1e-3

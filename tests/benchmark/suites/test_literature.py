@@ -140,11 +140,7 @@ def test_a_problem_file_without_publication_has_no_claims(tmp_path):
             "family is '4-3-4': expected one of 3-5-3, quintic",
         ),
         ('unit = "s"', 'unit = "s"\npeak_jerk = [1]', 'jerk_unit: expected "deg" or "rad"'),
-        (
-            'unit = "s"',
-            'unit = "s"\njerk_unit = "deg"\npeak_jerk = ["a"]',
-            "peak_jerk is",
-        ),
+        ('unit = "s"', 'unit = "s"\njerk_unit = "deg"\npeak_jerk = ["a"]', "peak_jerk is"),
         ("[[published.claims]]", "[published.claims]", "expected tables [[published.claims]]"),
         ("velocity = [1.0]", "velocity = [-1.0]", "limits.velocity, joint 1 is -1.0"),
         ("velocity = [1.0]", "velocity = [", "expected a readable TOML file"),

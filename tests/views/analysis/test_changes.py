@@ -22,23 +22,10 @@ SAME = (2.4, 2.3, 2.2, 2.1, 2.0)
 
 def sides() -> tuple[Results, Results]:
     """`slower` got longer in every run, `luck` in none, `fixed` by 1e-5, `still` by 1e-9."""
-    old = [
-        *run("slower", *RUNS),
-        *run("luck", *RUNS),
-        *run("fixed", 3.0),
-        *run("still", 3.0),
-    ]
+    old = [*run("slower", *RUNS), *run("luck", *RUNS), *run("fixed", 3.0), *run("still", 3.0)]
     new = [*run("slower", *LONGER), *run("luck", *SAME)]
-    new += [
-        *run("fixed", 3.0 * (1 + 1e-5)),
-        *run("still", 3.0 * (1 + 1e-9)),
-    ]
-    return Results(
-        [
-            *old,
-            *run("gone", 2.0),
-        ]
-    ), Results([*new, *run("come", 2.0)])
+    new += [*run("fixed", 3.0 * (1 + 1e-5)), *run("still", 3.0 * (1 + 1e-9))]
+    return Results([*old, *run("gone", 2.0)]), Results([*new, *run("come", 2.0)])
 
 
 def test_a_median_moves_by_a_test_or_without_chance() -> None:
@@ -83,20 +70,8 @@ def stored(folder: Path, trials: list[Trial]) -> Path:
 
 
 def test_results_of_two_folders_are_put_together(tmp_path: Path) -> None:
-    first = stored(
-        tmp_path / "a",
-        [
-            *run("exact", 2.0),
-            *run("mine", 3.0),
-        ],
-    )
-    second = stored(
-        tmp_path / "b",
-        [
-            *run("exact", 2.0),
-            *run("yours", 2.5),
-        ],
-    )
+    first = stored(tmp_path / "a", [*run("exact", 2.0), *run("mine", 3.0)])
+    second = stored(tmp_path / "b", [*run("exact", 2.0), *run("yours", 2.5)])
     both = Results.of(first, second / "results.h5")
     assert both.planners()["gap"].to_dict() == pytest.approx(
         {"exact": 0.0, "yours": 0.25, "mine": 0.5}
@@ -118,20 +93,8 @@ def test_the_command_shows_what_moved(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     old, new = sides()
-    a = stored(
-        tmp_path / "a",
-        [
-            *old.items,
-            *run("slower", *RUNS, problem=OTHER),
-        ],
-    )
-    b = stored(
-        tmp_path / "b",
-        [
-            *new.items,
-            *run("slower", *SAME, problem=OTHER),
-        ],
-    )
+    a = stored(tmp_path / "a", [*old.items, *run("slower", *RUNS, problem=OTHER)])
+    b = stored(tmp_path / "b", [*new.items, *run("slower", *SAME, problem=OTHER)])
     code, out, _ = said(capsys, "diff", a, b)
     moved, summary = out.split("medians moved.")
     assert code == 1

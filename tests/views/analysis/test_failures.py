@@ -18,11 +18,7 @@ from trajopt.views import report
 from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.analysis.results import Results
 
-LIMITED = Problem(
-    [[0.0], [0.4], [0.5]],
-    Limits([10.0], [100.0], position=[[-1.0, 0.5]]),
-    "limited",
-)
+LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0, 0.5]]), "limited")
 
 
 def message(status: Status, text: str) -> Trial:
@@ -34,22 +30,13 @@ def piecewise(*values: float) -> list[Trial]:
     """From rest through values (rad) at whole seconds, as if the velocity could jump."""
     breaks = np.arange(len(values))
     trajectory = Trajectory(
-        breaks,
-        [
-            np.diff(values)[:, None],
-            np.array(values)[:-1, None],
-        ],
-        breaks[[0, -1]],
+        breaks, [np.diff(values)[:, None], np.array(values)[:-1, None]], breaks[[0, -1]]
     )
     return judge(Answering(trajectory), PROBLEM, [0], "straight")
 
 
 def test_position_limits_are_counted_once_with_the_worst() -> None:
-    items = [
-        *leaving(LIMITED, 2.56),
-        *leaving(LIMITED, 1.5),
-        *leaving(LIMITED, 0.7),
-    ]
+    items = [*leaving(LIMITED, 2.56), *leaving(LIMITED, 1.5), *leaving(LIMITED, 0.7)]
     table = failures(Results(as_runs(items)))
     (row,) = table.itertuples()
     assert (row.kind, row.count, row.unit) == ("leave position limits", 3, "rad")
@@ -66,17 +53,8 @@ def test_named_joints_are_of_one_kind_too(name: str) -> None:
 
 
 def test_every_flaw_that_the_verifier_names_has_a_kind() -> None:
-    late = judge(
-        Answering(Trajectory([0, 1], [[[0.9]], [[0.0]]], [0, 1])),
-        PROBLEM,
-        [0],
-        "late",
-    )
-    skip = Trajectory(
-        [0, 1, 2],
-        [[[0.0], [0.0]], [[0.0], [1.0]]],
-        [0, 2],
-    )
+    late = judge(Answering(Trajectory([0, 1], [[[0.9]], [[0.0]]], [0, 1])), PROBLEM, [0], "late")
+    skip = Trajectory([0, 1, 2], [[[0.0], [0.0]], [[0.0], [1.0]]], [0, 2])
     jumps = judge(Answering(skip), PROBLEM, [0], "skips")
     words = {
         t.label.split(":")[0]: in_words(failures(Results([t])))
@@ -128,17 +106,6 @@ def test_the_terminal_says_why_planners_failed(
 ) -> None:
     items = [message(Status.TIMEOUT, f"stopped after {seconds} s") for seconds in (1, 2, 600)]
     monkeypatch.setattr(report, "write", lambda *_, **__: tmp_path / "report.html")
-    show(
-        Results(
-            as_runs(
-                [
-                    *items,
-                    message(Status.CRASHED, "boom"),
-                ],
-                "own",
-            )
-        ),
-        tmp_path,
-    )
+    show(Results(as_runs([*items, message(Status.CRASHED, "boom")], "own")), tmp_path)
     said = " ".join(capsys.readouterr().out.split())
     assert "own: 4 failed: 3 timeout: stopped after … s; 1 crashed: boom" in said

@@ -56,24 +56,14 @@ def test_the_table_of_a_notebook_has_a_row_per_planner(results: Results) -> None
 
 
 def test_the_table_of_one_problem_has_durations() -> None:
-    html = Results(
-        [
-            *run("exact", 2.0),
-            *run("mine", 2.4, 2.5, 2.3),
-        ]
-    )._repr_html_()
+    html = Results([*run("exact", 2.0), *run("mine", 2.4, 2.5, 2.3)])._repr_html_()
     assert "duration (s)" in html
     assert "<td>2.4000</td>" in html
     assert "on one, 4 solved" in html
 
 
 def test_a_figure_shows_itself() -> None:
-    figure = Results(
-        [
-            *run("exact", 2.0),
-            *run("mine", 2.4),
-        ]
-    ).plot()
+    figure = Results([*run("exact", 2.0), *run("mine", 2.4)]).plot()
     assert isinstance(figure, plots.Picture)
     png, size = figure._repr_png_()
     height, width, _ = matplotlib.image.imread(io.BytesIO(png), format="png").shape

@@ -53,12 +53,7 @@ def test_proved_counts_problems_whose_motion_meets_its_bound() -> None:
     ]
     table = Results(items).planners()
     assert table.loc["mine", ["problems", "proved"]].tolist() == [2, 1]
-    bound_alone = Results(
-        [
-            *run("certify", -1, bound=1.999),
-            *run("mine", 3.0),
-        ]
-    )
+    bound_alone = Results([*run("certify", -1, bound=1.999), *run("mine", 3.0)])
     assert bound_alone.planners().loc["mine", "proved"] == 0
 
 

@@ -48,14 +48,7 @@ def random_runs(seed=0, problems=12):
 
 
 def test_by_hand():
-    table = compared(
-        a=[
-            [1, 2, 3],
-            [4],
-            [nan],
-        ],
-        b=[[2, 2, 2], [2], [5]],
-    )
+    table = compared(a=[[1, 2, 3], [4], [nan]], b=[[2, 2, 2], [2], [5]])
     row = table.loc[("a", "b")]
     assert row[["problems", "better", "tied", "worse"]].tolist() == [3, 0, 1, 2]
     assert row["ratio"] == 2  # of 1, 2 and ∞
@@ -93,11 +86,7 @@ def test_against_scipy_statsmodels_and_counting(seed):
         ]
         apart = x != y
         # No answer is a ratio beyond all others: e⁹⁹ stands for it.
-        logs = np.clip(
-            np.log(x[apart]) - np.log(y[apart]),
-            -99,
-            99,
-        )
+        logs = np.clip(np.log(x[apart]) - np.log(y[apart]), -99, 99)
         expected = stats.wilcoxon(logs, method=stats.PermutationMethod()).pvalue
         assert row["pvalue"] == pytest.approx(expected, abs=1e-9)
         pvalues.append(row["pvalue"])
@@ -117,17 +106,7 @@ def test_against_scipy_statsmodels_and_counting(seed):
         normal = 1.96 * np.std(shares) / np.sqrt(len(shares))
         assert row["high"] - row["low"] > 2 * normal  # no outcomes spread more than yes and no
     adjusted = multipletests(pvalues, method="holm")[1]
-    assert_allclose(
-        [
-            table.loc[k, "holm"]
-            for k in (
-                ("a", "b"),
-                ("a", "c"),
-                ("b", "c"),
-            )
-        ],
-        adjusted,
-    )
+    assert_allclose([table.loc[k, "holm"] for k in (("a", "b"), ("a", "c"), ("b", "c"))], adjusted)
 
 
 def test_equal_to_six_digits_is_tied_and_no_answer_ties_with_none():
@@ -154,26 +133,13 @@ def test_the_median_ratio(a, b, ratio):
 
 def test_a_missing_answer_is_the_largest_difference_however_small_the_other_is():
     # Ranks: −1, −2, −3, −4, then +5 for the failure, so W = 5: 10 of the 32 sign patterns.
-    a, b = (
-        [
-            [1.0],
-            [1.0],
-            [1.0],
-            [1.0],
-            [nan],
-        ],
-        [[1.1], [1.2], [1.3], [100.0], [1.0]],
-    )
+    a, b = ([[1.0], [1.0], [1.0], [1.0], [nan]], [[1.1], [1.2], [1.3], [100.0], [1.0]])
     below = sum(np.dot(s, [1, 2, 3, 4, 5]) <= 5 for s in product([0, 1], repeat=5))
     assert compared(a=a, b=b).loc[("a", "b"), "pvalue"] == pytest.approx(2 * below / 32)
 
 
 def test_only_the_problems_that_both_were_run_on_count():
-    table = compared(
-        a=[[1], [1], []],
-        b=[[2], [], [2]],
-        c=[[], [], [5]],
-    )
+    table = compared(a=[[1], [1], []], b=[[2], [], [2]], c=[[], [], [5]])
     assert table.loc[("a", "b"), "problems"] == 1
     assert ("a", "c") not in table.index
     assert len(table) == 4
@@ -187,15 +153,7 @@ def test_one_planner_has_nobody_to_meet():
 
 
 def test_medians_know_no_answer_from_not_run():
-    table = medians(
-        runs(
-            a=[
-                [1, 3, nan],
-                [nan, nan],
-            ],
-            b=[[2], []],
-        )
-    )
+    table = medians(runs(a=[[1, 3, nan], [nan, nan]], b=[[2], []]))
     assert table.loc["0"].tolist() == [3, 2]
     assert table.loc["1", "a"] == inf
     assert np.isnan(table.loc["1", "b"])
@@ -220,15 +178,7 @@ def test_slower_on_21_of_22_common_problems_is_shown_where_both_answer():
 
 
 def test_where_both_answer_by_hand_and_mirrored():
-    table = compared(
-        a=[
-            [1],
-            [4],
-            [nan],
-            [2],
-        ],
-        b=[[2], [2], [5], [nan]],
-    )
+    table = compared(a=[[1], [4], [nan], [2]], b=[[2], [2], [5], [nan]])
     row = table.loc[("a", "b")]
     assert row[["both", "both_better", "both_tied", "both_worse"]].tolist() == [2, 1, 0, 1]
     assert row["both_ratio"] == pytest.approx(1)
@@ -266,13 +216,7 @@ def test_problems_of_one_group_count_as_one():
 
 
 def test_between_seeds_by_hand():
-    table = between_seeds(
-        runs(
-            a=[[1, 2, 3]],
-            b=[[4, 5, nan]],
-            alone=[[1]],
-        )
-    )
+    table = between_seeds(runs(a=[[1, 2, 3]], b=[[4, 5, nan]], alone=[[1]]))
     assert table.index.tolist() == [("a", "b"), ("b", "a")]
     row = table.loc[("a", "b")]
     assert row[["runs", "rival_runs", "median", "rival_median"]].tolist() == [3, 3, 2, 5]
@@ -294,11 +238,7 @@ def test_between_thirty_seeds_a_difference_is_told():
     frame = runs(a=[a], b=[b], c=[c])
     assert paired_tests(pairs_by_problem(frame))["pvalue"].tolist() == [1] * 6
     table = between_seeds(frame)
-    pairs = {
-        ("a", "b"): (a, b),
-        ("a", "c"): (a, c),
-        ("b", "c"): (b, c),
-    }
+    pairs = {("a", "b"): (a, b), ("a", "c"): (a, c), ("b", "c"): (b, c)}
     expected = [stats.mannwhitneyu(x, y, method="exact").pvalue for x, y in pairs.values()]
     once = table.loc[list(pairs)]
     assert_allclose(once["pvalue"], expected, rtol=1e-6)
@@ -336,12 +276,7 @@ def test_between_seeds_where_nobody_answers():
 
 
 def test_mean_ranks_by_hand():
-    table = runs(
-        a=[[1], [2], [nan]],
-        b=[[2], [2.0000001], [3]],
-        c=[[3], [5], [2]],
-        d=[[1], [1]],
-    )
+    table = runs(a=[[1], [2], [nan]], b=[[2], [2.0000001], [3]], c=[[3], [5], [2]], d=[[1], [1]])
     # 1 2 3, then 1½ 1½ 3, then 3 2 1; d was not run on all
     assert mean_ranks(table).to_dict() == {
         "a": pytest.approx(5.5 / 3),

@@ -18,11 +18,7 @@ def cells(text):
 
 def made():
     """The rival's medians are 20 % above the optimum of both problems, the other's 50 %."""
-    first = [
-        *run("exact", 2.0),
-        *run("near", 2.4, 2.4),
-        *run("far", 3.0, 2.3),
-    ]
+    first = [*run("exact", 2.0), *run("near", 2.4, 2.4), *run("far", 3.0, 2.3)]
     second = [(name, 2 * duration) for name, duration in (("exact", 2.0), ("near", 2.4))]
     for name, duration in second:
         first += run(name, duration, problem=OTHER)
@@ -73,11 +69,7 @@ def test_every_pair_has_a_line_once():
 
 
 def test_one_problem_is_compared_over_runs():
-    items = [
-        *run("a", 2.0, 2.1, 2.2),
-        *run("b", 2.3, 2.4, 2.5),
-        *run("c", 2.6),
-    ]
+    items = [*run("a", 2.0, 2.1, 2.2), *run("b", 2.3, 2.4, 2.5), *run("c", 2.6)]
     heading, row = cells(latex.tests(Results(items)))
     assert heading == ["planner", "against", "ratio", "shorter", "95 %", "p", "p (Holm)"]
     # all 9 pairs of runs won: 2 of 20 ways to deal the ranks

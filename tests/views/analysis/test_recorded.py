@@ -36,19 +36,8 @@ class Fixed(Planner):
         t = self.duration
         if t is None:
             return Solution(Status.FAILED, message="gave up", lower_bound=self.bound)
-        c = [
-            6 / t**5,
-            -15 / t**4,
-            10 / t**3,
-            0,
-            0,
-            0,
-        ]
-        trajectory = Trajectory(
-            [0, t],
-            np.reshape(c, (6, 1, 1)),
-            [0, t],
-        )
+        c = [6 / t**5, -15 / t**4, 10 / t**3, 0, 0, 0]
+        trajectory = Trajectory([0, t], np.reshape(c, (6, 1, 1)), [0, t])
         return Solution(Status.SOLVED, trajectory, lower_bound=self.bound)
 
 
@@ -97,11 +86,7 @@ def test_the_higher_of_two_proofs_counts(recorded):
 
 def test_an_answer_below_the_record_is_an_improvement_once(recorded):
     recorded(1.5, 1.3)
-    trials = [
-        *run("exact", 1.5),
-        *run("mine", 1.45),
-        *run("other", 1.48),
-    ]
+    trials = [*run("exact", 1.5), *run("mine", 1.45), *run("other", 1.48)]
     assert [trial.planner for trial in improvements(trials)] == ["mine"]
     assert improvements(run("exact", 1.5 * (1 - 1e-7))) == []
     recorded(1.4, 1.3)

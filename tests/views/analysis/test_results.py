@@ -49,50 +49,23 @@ class Fixed(Planner):
     def solve(self, problem, *, seed=0):
         t = self.durations[seed]
         if t < 0 and self.kind is Relation.RELAXATION:
-            through_the_air = Trajectory(
-                [0, -t],
-                np.zeros((1, 1, 1)),
-                [0, -t],
-            )
+            through_the_air = Trajectory([0, -t], np.zeros((1, 1, 1)), [0, -t])
             return Solution(Status.RELAXED, through_the_air, "waypoints are ignored")
         if t < 0:
             return Solution(Status.FAILED, message="gave up", lower_bound=self.bound)
         h = problem.displacements[0, 0]
-        c = [
-            6 * h / t**5,
-            -15 * h / t**4,
-            10 * h / t**3,
-            0,
-            0,
-            problem.waypoints[0, 0],
-        ]
-        trajectory = Trajectory(
-            [0, t],
-            np.reshape(c, (6, 1, 1)),
-            [0, t],
-        )
+        c = [6 * h / t**5, -15 * h / t**4, 10 * h / t**3, 0, 0, problem.waypoints[0, 0]]
+        trajectory = Trajectory([0, t], np.reshape(c, (6, 1, 1)), [0, t])
         return Solution(Status.SOLVED, trajectory, lower_bound=self.bound, evaluations=10 * seed)
 
 
 def run(name, *durations, problem=PROBLEM, **more):
     planner = Fixed(*durations, **more)
-    return [
-        judge(
-            planner,
-            problem,
-            [seed],
-            name,
-        )[0]
-        for seed in range(len(durations))
-    ]
+    return [judge(planner, problem, [seed], name)[0] for seed in range(len(durations))]
 
 
 def test_the_reference_is_the_shortest_certified_exact_answer_of_each_problem():
-    items = [
-        *run("exact", 2.5, 2.0),
-        *run("exact", 3.0, problem=OTHER),
-        *run("mine", 1.0),
-    ]
+    items = [*run("exact", 2.5, 2.0), *run("exact", 3.0, problem=OTHER), *run("mine", 1.0)]
     table = Results(items).references()
     assert table.loc[PROBLEM.digest()].tolist()[:2] == [2.0, "exact"]
     assert table.loc[OTHER.digest()].tolist()[:2] == [3.0, "exact"]
@@ -128,35 +101,20 @@ def test_without_a_certified_exact_answer_a_relaxed_one_is_the_reference_or_what
     assert np.isnan(relaxed["lower_bound"])
     proved = Results([*items, *run("certify", -1.0, bound=2.0)])
     assert proved.references().iloc[0].tolist()[:3] == [2.0, "lower bound", 2.0]
-    unproved = Results(
-        [
-            *run("exact", -1.0, bound=2.0),
-            *run("mine", 3.0),
-        ]
-    )
+    unproved = Results([*run("exact", -1.0, bound=2.0), *run("mine", 3.0)])
     assert unproved.references().empty  # a bound of `exact` is not proved
 
 
 def test_a_proof_bounds_the_reference_and_may_improve_it():
     proof = run("certify", 1.9, bound=1.8)
-    results = Results(
-        [
-            *run("exact", 2.0),
-            *proof,
-            *run("mine", 2.5),
-        ]
-    )
+    results = Results([*run("exact", 2.0), *proof, *run("mine", 2.5)])
     assert results.references().iloc[0].tolist() == [1.9, "exact", 1.8, "", ""]
     assert results.summary()["proved"].tolist() == [1.8] * 3
     assert results.suspicious().empty
 
 
 def test_below_a_proof_is_suspicious_whatever_the_reference():
-    items = [
-        *run("exact", 2.0),
-        *run("certify", -1.0, bound=2.2),
-        *run("mine", 2.1),
-    ]
+    items = [*run("exact", 2.0), *run("certify", -1.0, bound=2.2), *run("mine", 2.1)]
     assert set(Results(items).suspicious()["label"]) == {"exact", "mine"}
 
 
@@ -178,12 +136,7 @@ def test_without_an_exact_answer_there_are_no_gaps():
 def test_the_summary_is_what_numpy_says():
     durations = np.random.default_rng(1).uniform(2, 5, 30)
     row = (
-        Results(
-            [
-                *run("exact", 2.0),
-                *run("mine", *durations),
-            ]
-        )
+        Results([*run("exact", 2.0), *run("mine", *durations)])
         .summary()
         .set_index("label")
         .loc["mine"]
@@ -191,9 +144,7 @@ def test_the_summary_is_what_numpy_says():
     q1, median, q3 = np.percentile(durations, [25, 50, 75])
     found = row[["min", "q1", "median", "q3", "max"]].astype(float)
     np.testing.assert_allclose(
-        found,
-        [durations.min(), q1, median, q3, durations.max()],
-        rtol=1e-12,
+        found, [durations.min(), q1, median, q3, durations.max()], rtol=1e-12
     )
     assert row["gap"] == pytest.approx(np.median(durations / 2 - 1))
     assert row["evaluations"] == np.median(10 * np.arange(30))
@@ -211,31 +162,15 @@ def test_kept_is_a_share_of_all_runs_and_dilation_the_median_of_those_that_broke
 
 
 def test_rows_are_sorted_by_certified_duration_with_failures_last():
-    items = [
-        *run("d", -1.0),
-        *run("c", 4.0),
-        *run("a", 2.0),
-        *run("b", 3.0),
-    ]
+    items = [*run("d", -1.0), *run("c", 4.0), *run("a", 2.0), *run("b", 3.0)]
     assert Results(items).summary()["label"].tolist() == ["a", "b", "c", "d"]
 
 
 @pytest.mark.parametrize(
-    ("excess", "alarm"),
-    [
-        (-2e-6, True),
-        (-1.1e-6, True),
-        (-0.9e-6, False),
-        (0, False),
-    ],
+    ("excess", "alarm"), [(-2e-6, True), (-1.1e-6, True), (-0.9e-6, False), (0, False)]
 )
 def test_beating_the_reference_beyond_a_millionth_is_suspicious(excess, alarm):
-    results = Results(
-        [
-            *run("exact", 2.0),
-            *run("mine", 2.0 * (1 + excess)),
-        ]
-    )
+    results = Results([*run("exact", 2.0), *run("mine", 2.0 * (1 + excess))])
     assert results.suspicious()["label"].tolist() == ["mine"] * alarm
 
 
@@ -269,15 +204,10 @@ def test_a_path_without_results_is_named(tmp_path):
 
 def searching(name, histories, *, problem=PROBLEM, spent=None):
     """One run per history `(m, 2)`, as long as its last best; an empty one is a run without any."""
-    items = run(
-        name,
-        *(h[-1][1] if h else -1.0 for h in histories),
-        problem=problem,
-    )
+    items = run(name, *(h[-1][1] if h else -1.0 for h in histories), problem=problem)
     return [
         replace(
-            t,
-            solution=replace(t.solution, history=np.array(h) if h else None, evaluations=spent),
+            t, solution=replace(t.solution, history=np.array(h) if h else None, evaluations=spent)
         )
         for t, h in zip(items, histories, strict=True)
     ]
@@ -298,24 +228,13 @@ def test_expected_running_times_count_what_every_run_spent():
     ]
     table = Results(items).running_times([0.1, 0.01, 0.001], to="best 3-5-3").loc["mine"]
     # Within 10 %: at 20, never in 50, at 40. Within 1 %: at 100, never in 50, never in 70.
-    assert table["ert"].tolist() == [
-        (20 + 50 + 40) / 2,
-        100 + 50 + 70,
-        np.inf,
-    ]
+    assert table["ert"].tolist() == [(20 + 50 + 40) / 2, 100 + 50 + 70, np.inf]
     assert table["successes"].tolist() == [2, 1, 0]
     assert table["runs"].tolist() == [3, 3, 3]  # nothing is known of the third problem
 
 
 def test_a_run_without_an_answer_or_a_count_is_charged_too():
-    first, lost, none = searching(
-        "mine",
-        [
-            [[20, 2.0]],
-            [[30, 1.0]],
-            [],
-        ],
-    )
+    first, lost, none = searching("mine", [[[20, 2.0]], [[30, 1.0]], []])
     lost = replace(lost, certificate=None, status=Status.INVALID)
     items = [*best_353(2.0), first, lost, none]
     row = Results(items).running_times(0.1, to="best 3-5-3").loc[("mine", 0.1)]
@@ -323,11 +242,7 @@ def test_a_run_without_an_answer_or_a_count_is_charged_too():
 
 
 def test_what_beats_the_best_353_or_keeps_no_history_is_no_search_of_it():
-    items = [
-        *best_353(2.0),
-        *searching("fast", [[[20, 1.5]]]),
-        *run("mine", 2.5),
-    ]
+    items = [*best_353(2.0), *searching("fast", [[[20, 1.5]]]), *run("mine", 2.5)]
     assert Results(items).running_times(to="best 3-5-3").empty
 
 
@@ -371,11 +286,7 @@ def test_a_relaxed_answer_is_no_slow_answer_and_has_no_rank():
 
 
 def test_between_seeds_is_of_one_problem():
-    items = [
-        *run("a", 2.0, 3.0),
-        *run("b", 4.0, 5.0),
-        *run("a", 5.0, 6.0, problem=OTHER),
-    ]
+    items = [*run("a", 2.0, 3.0), *run("b", 4.0, 5.0), *run("a", 5.0, 6.0, problem=OTHER)]
     results = Results(items)
     for problem in ("one", PROBLEM.digest()):
         row = results.between_seeds(problem).loc[("a", "b")]
@@ -393,15 +304,7 @@ def test_how_far_a_trajectory_leaves_its_position_limits_is_said():
     limits = Limits([10.0], [100.0], position=[[-1.0, 0.5]])
     out = Problem([[0.0], [0.4], [0.5]], limits, "within")
     inside = run("mine", 1.0)
-    table = Results(
-        as_runs(
-            [
-                *inside,
-                *leaving(out, 2.5),
-                *leaving(out, 0.4),
-            ]
-        )
-    ).trials()
+    table = Results(as_runs([*inside, *leaving(out, 2.5), *leaving(out, 0.4)])).trials()
     np.testing.assert_allclose(table["position_excess"], [np.nan, 2.0, 0.0], atol=1e-12)
     row = Results(as_runs(leaving(out, 2.5) + leaving(out, 0.7))).summary().iloc[0]
     assert row["position_excess"] == pytest.approx(2.0)
@@ -409,18 +312,8 @@ def test_how_far_a_trajectory_leaves_its_position_limits_is_said():
 
 def leaving(problem, furthest):
     """Straight pieces through `furthest` (rad) instead of the waypoint in the middle."""
-    ends = np.array(
-        [
-            problem.waypoints[0, 0],
-            furthest,
-            problem.waypoints[-1, 0],
-        ]
-    )
-    trajectory = Trajectory(
-        [0, 1, 2],
-        [np.diff(ends)[:, None], ends[:2, None]],
-        [0, 1, 2],
-    )
+    ends = np.array([problem.waypoints[0, 0], furthest, problem.waypoints[-1, 0]])
+    trajectory = Trajectory([0, 1, 2], [np.diff(ends)[:, None], ends[:2, None]], [0, 1, 2])
     (trial,) = judge(Answering(trajectory), problem, [0], "leaving")
     return [trial]
 
@@ -446,15 +339,7 @@ def test_frames_are_built_once_and_handed_out_as_copies(monkeypatch):
 
 @pytest.mark.parametrize("name", ["references", "summary"])
 def test_the_docstring_lists_the_columns(name):
-    frame = getattr(
-        Results(
-            [
-                *run("exact", 2.0),
-                *run("mine", 3.0),
-            ]
-        ),
-        name,
-    )()
+    frame = getattr(Results([*run("exact", 2.0), *run("mine", 3.0)]), name)()
     words = set(re.findall(r"\w+", getattr(Results, name).__doc__))
     assert set(frame.columns) <= words
 

@@ -43,11 +43,7 @@ from trajopt.views.analysis.statistics import (
 reproducible = settings(deadline=None, derandomize=True, max_examples=100)
 few = st.sampled_from([0.5, 1.0, 1.5, 2.0, 3.0, inf, nan])  # many ties, many failures
 samples = st.lists(few, min_size=1, max_size=12)
-tables = arrays(
-    float,
-    st.tuples(st.integers(1, 8), st.integers(1, 4)),
-    elements=few,
-)
+tables = arrays(float, st.tuples(st.integers(1, 8), st.integers(1, 4)), elements=few)
 
 
 # Shares and quantiles
@@ -68,16 +64,7 @@ def test_success_rate_has_the_published_wilson_intervals(k, n, low, high):
     assert (round(rate.low, 4), round(rate.high, 4)) == (low, high)
 
 
-@pytest.mark.parametrize(
-    ("k", "n"),
-    [
-        (0, 1),
-        (1, 1),
-        (7, 7),
-        (3, 10),
-        (999, 1000),
-    ],
-)
+@pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (7, 7), (3, 10), (999, 1000)])
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
 def test_success_rate_agrees_with_statsmodels(k, n, confidence):
     rate = success_rate(np.arange(n) < k, confidence)
@@ -106,16 +93,7 @@ def test_a_planner_that_fails_half_the_time_has_median_infinity():
     assert median([0.1, 0.2, nan, nan]) == inf
     assert median([0.1, 0.2, 0.3, nan, nan]) == 0.3
     assert median([nan]) == inf
-    assert_array_equal(
-        median(
-            [
-                [1, 3],
-                [2, nan],
-                [nan, inf],
-            ]
-        ),
-        [2, inf, inf],
-    )
+    assert_array_equal(median([[1, 3], [2, nan], [nan, inf]]), [2, inf, inf])
 
 
 def test_ecdf_by_hand():
@@ -137,15 +115,7 @@ def test_ecdf_agrees_with_scipy_where_runs_without_an_answer_are_censored(values
 # Runs and their cost
 
 HISTORIES = [
-    np.array(
-        [
-            [20, inf],
-            [30, nan],
-            [45, 9.0],
-            [60, 8.0],
-            [90, 8.0],
-        ]
-    ),
+    np.array([[20, inf], [30, nan], [45, 9.0], [60, 8.0], [90, 8.0]]),
     np.array([[1, 10.0], [50, 7.0], [80, 6.0]]),
     np.array([[100, nan]]),
     np.empty((0, 2)),
@@ -180,14 +150,7 @@ def test_a_history_that_rises_keeps_its_best():
 def test_quartiles_over_runs_by_hand():
     quartiles = quartiles_over_runs(HISTORIES, [45, 60, 1e9])
     # the best at 45 evaluations: 9, 10 and two without; at 60: 8, 7; at the end: 8, 6
-    assert_array_equal(
-        quartiles,
-        [
-            [9.75, 7.75, 7.5],
-            [inf] * 3,
-            [inf] * 3,
-        ],
-    )
+    assert_array_equal(quartiles, [[9.75, 7.75, 7.5], [inf] * 3, [inf] * 3])
     assert_array_equal(quartiles_over_runs(HISTORIES[:2], 45), [[9.25], [9.5], [9.75]])
 
 
@@ -195,12 +158,7 @@ def monotone(rows):
     """Evaluations rising, best falling, NaN first."""
     spent = np.sort([n for n, _ in rows]).astype(float)
     best = np.sort([inf if np.isnan(x) else x for _, x in rows])[::-1]
-    return np.column_stack(
-        [
-            spent,
-            np.where(best == inf, nan, best),
-        ]
-    ).reshape(-1, 2)
+    return np.column_stack([spent, np.where(best == inf, nan, best)]).reshape(-1, 2)
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), few), max_size=8).map(monotone), st.integers(0, 10))
@@ -221,14 +179,7 @@ def test_expected_running_time_by_hand():
     assert expected_running_time([10, 20], 15) == 25  # a hit beyond its budget is a miss
     assert expected_running_time([nan, nan], 100) == inf
     assert expected_running_time([0.0], 100) == 0
-    table = expected_running_time(
-        [
-            [1, 2, 3],
-            [nan, 4, 6],
-            [nan] * 3,
-        ],
-        [10, 11, 12],
-    )
+    table = expected_running_time([[1, 2, 3], [nan, 4, 6], [nan] * 3], [10, 11, 12])
     assert_array_equal(table, [2, 10, inf])
 
 
@@ -251,27 +202,11 @@ def test_expected_running_time_is_what_restarts_cost():
 
 
 def test_performance_profile_by_hand():
-    costs = [
-        [1, 2, 4],
-        [3, 3, nan],
-        [10, 5, 20],
-        [nan, nan, inf],
-    ]
+    costs = [[1, 2, 4], [3, 3, nan], [10, 5, 20], [nan, nan, inf]]
     assert_array_equal(
-        performance_profile(costs, [1, 2, 4]),
-        [
-            [0.5, 0.5, 0],
-            [0.75, 0.75, 0],
-            [0.75, 0.75, 0.5],
-        ],
+        performance_profile(costs, [1, 2, 4]), [[0.5, 0.5, 0], [0.75, 0.75, 0], [0.75, 0.75, 0.5]]
     )
-    assert_array_equal(
-        performance_profile(costs, [0.9, 3]),
-        [
-            [0, 0, 0],
-            [0.75, 0.75, 0],
-        ],
-    )
+    assert_array_equal(performance_profile(costs, [0.9, 3]), [[0, 0, 0], [0.75, 0.75, 0]])
     assert_array_equal(performance_profile([[nan, nan]], [inf]), [[0, 0]])
     assert_array_equal(performance_profile([[1e-300, 1e300]], [1, 1e308]), [[1, 0], [1, 0]])
 
@@ -296,18 +231,10 @@ DEPRESSION = (  # Hollander & Wolfe 1973, p. 29
 def test_wilcoxon_on_the_depression_scores():
     before, after = DEPRESSION
     assert wilcoxon(before, after) == Paired(
-        5.0,
-        pytest.approx(0.0390625),
-        wins=2,
-        ties=0,
-        losses=7,
+        5.0, pytest.approx(0.0390625), wins=2, ties=0, losses=7
     )
     assert wilcoxon(after, before) == Paired(
-        5.0,
-        pytest.approx(0.0390625),
-        wins=7,
-        ties=0,
-        losses=2,
+        5.0, pytest.approx(0.0390625), wins=7, ties=0, losses=2
     )
 
 
@@ -329,11 +256,7 @@ def test_wilcoxon_is_exact_on_few_pairs_with_ties_and_zeros(differences):
     test = wilcoxon(np.array(differences) + 10, np.full(len(differences), 10))
     assert test.pvalue == pytest.approx(by_enumeration(differences))
     counts = [np.less, np.equal, np.greater]
-    assert (
-        test.wins,
-        test.ties,
-        test.losses,
-    ) == tuple(c(differences, 0).sum() for c in counts)
+    assert (test.wins, test.ties, test.losses) == tuple(c(differences, 0).sum() for c in counts)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -376,13 +299,7 @@ def test_wilcoxon_without_differences_is_sure_of_nothing():
 def test_wilcoxon_counts_a_failure_as_the_largest_difference():
     a, b = [1, 2, 3, 4, 5, 6], [1.1, 2.2, 3.3, 4.4, 5.5, nan]
     assert wilcoxon(a, b).pvalue == pytest.approx(2 / 2**6)
-    assert wilcoxon([*a[:5], nan], [*b[:5], 6]) == Paired(
-        6.0,
-        pytest.approx(14 * 2 / 64),
-        5,
-        0,
-        1,
-    )
+    assert wilcoxon([*a[:5], nan], [*b[:5], 6]) == Paired(6.0, pytest.approx(14 * 2 / 64), 5, 0, 1)
 
 
 @pytest.mark.parametrize("n", [20, 60, 1000])
@@ -494,11 +411,7 @@ def test_critical_difference_has_demsars_quantiles(solvers, q95, q90):
 
 
 def test_critical_difference_is_where_scikit_posthocs_turns_significant():
-    costs = np.random.default_rng(3).normal(
-        np.linspace(0, 1.5, 6),
-        1,
-        (20, 6),
-    )
+    costs = np.random.default_rng(3).normal(np.linspace(0, 1.5, 6), 1, (20, 6))
     ranks = mean_ranks(costs)
     apart = np.abs(ranks[:, None] - ranks) > critical_difference(20, 6)
     expected = scikit_posthocs.posthoc_nemenyi_friedman(costs).to_numpy() < 0.05
@@ -507,24 +420,8 @@ def test_critical_difference_is_where_scikit_posthocs_turns_significant():
 
 
 def test_mean_ranks_with_failures_and_nothing_but_ties():
-    assert_array_equal(
-        mean_ranks(
-            [
-                [1, nan, 2],
-                [3, inf, nan],
-            ]
-        ),
-        [1, 2.75, 2.25],
-    )
-    assert_array_equal(
-        mean_ranks(
-            [
-                [1, 1, 1],
-                [nan, inf, nan],
-            ]
-        ),
-        [2, 2, 2],
-    )
+    assert_array_equal(mean_ranks([[1, nan, 2], [3, inf, nan]]), [1, 2.75, 2.25])
+    assert_array_equal(mean_ranks([[1, 1, 1], [nan, inf, nan]]), [2, 2, 2])
 
 
 # Effect sizes and intervals
@@ -584,12 +481,7 @@ def test_the_interval_of_the_chance_solves_newcombes_equation():
     assert shorter_interval(1.0, 5, 5).high == 1
     assert shorter_interval(0.0, 5, 5).low == 0
     mirrored = shorter_interval(0.2, 14, 10)
-    assert [mirrored.low, mirrored.high] == pytest.approx(
-        [
-            1 - found.high,
-            1 - found.low,
-        ]
-    )
+    assert [mirrored.low, mirrored.high] == pytest.approx([1 - found.high, 1 - found.low])
 
 
 def test_the_mean_over_groups_has_wilsons_interval_of_as_many_outcomes():
@@ -659,10 +551,7 @@ def test_bootstrap_interval_covers_about_as_often_as_it_says():
     covered = 0
     for _ in range(200):
         interval = bootstrap(
-            shorter_chance,
-            rng.normal(0, 1, 50),
-            rng.normal(0, 1, 50),
-            resamples=300,
+            shorter_chance, rng.normal(0, 1, 50), rng.normal(0, 1, 50), resamples=300
         )
         covered += interval.low <= 0.5 <= interval.high
     assert 180 <= covered <= 199  # 95 % of 200 is 190, 3 standard deviations are 9
@@ -672,11 +561,7 @@ def test_bootstrap_of_the_running_time_reaches_infinity_where_resamples_have_no_
     hits = np.array([10, nan, nan, nan])
     time = partial(expected_running_time, budgets=100)
     # 4 successes in 0.4 % of resamples, 3 or more in 5.1 %, none in 31.6 %
-    assert bootstrap(time, hits) == Estimate(
-        310.0,
-        pytest.approx((3 * 10 + 100) / 3),
-        inf,
-    )
+    assert bootstrap(time, hits) == Estimate(310.0, pytest.approx((3 * 10 + 100) / 3), inf)
     assert bootstrap(time, [nan, nan]) == Estimate(inf, inf, inf)
     assert bootstrap(time, [7, 7]) == Estimate(7.0, 7.0, 7.0)
 
@@ -696,11 +581,7 @@ def test_one_run_has_no_interval():
 
 
 def test_numbers_come_out_as_numbers():
-    for value in (
-        median([1, 2]),
-        shorter_chance([1], [2]),
-        expected_running_time([1], 2),
-    ):
+    for value in (median([1, 2]), shorter_chance([1], [2]), expected_running_time([1], 2)):
         assert isinstance(value, float)
 
 
@@ -722,16 +603,7 @@ def test_mann_whitney_by_hand():
     assert mann_whitney([2, 2], [2, 2, 2]).pvalue == 1
 
 
-@pytest.mark.parametrize(
-    ("n", "m"),
-    [
-        (1, 1),
-        (2, 5),
-        (8, 8),
-        (12, 30),
-        (30, 30),
-    ],
-)
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 5), (8, 8), (12, 30), (30, 30)])
 def test_mann_whitney_without_ties_is_scipys_exact(n, m):
     rng = np.random.default_rng(n + m)
     a = rng.normal(0, 1, n)
@@ -757,11 +629,7 @@ def test_mann_whitney_of_many_runs_is_scipys_normal_one():
     a = np.round(rng.normal(0, 1, 50), 1)
     b = np.round(rng.normal(0.3, 1, 60), 1)
     a[:3] = nan
-    expected = stats.mannwhitneyu(
-        np.where(np.isnan(a), 99, a),
-        b,
-        method="asymptotic",
-    ).pvalue
+    expected = stats.mannwhitneyu(np.where(np.isnan(a), 99, a), b, method="asymptotic").pvalue
     assert mann_whitney(a, b).pvalue == pytest.approx(expected, rel=1e-12)
 
 

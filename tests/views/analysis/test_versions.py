@@ -56,11 +56,7 @@ def test_every_reader_follows_the_code_as_compare_does(tmp_path, mine, capsys):
     """A folder pooled both versions: 20 of 20, with a median that neither has."""
     folder = tmp_path / "results"
     rival = ("exact", load("exact"))
-    for slower, seeds, hidden in (
-        (5, 4, 0),
-        (2, 2, 4),
-        (5, 3, 2),
-    ):  # edited, and edited back
+    for slower, seeds, hidden in ((5, 4, 0), (2, 2, 4), (5, 3, 2)):  # edited, and edited back
         own = medians(compare([PROBLEM], [mine(slower), rival], folder, seeds=seeds))
         readers = [Results(folder), Results(folder / "results.h5")]
         for results in readers:
@@ -105,10 +101,5 @@ def test_two_planners_of_one_name_are_refused(tmp_path):
     second = made(2)
     with pytest.raises(InvalidInput, match="a name of its own"):
         compare([PROBLEM], [first, second], tmp_path / "results")
-    found = compare(
-        [PROBLEM],
-        [("a", second), ("b", second)],
-        tmp_path / "results",
-        seeds=1,
-    )
+    found = compare([PROBLEM], [("a", second), ("b", second)], tmp_path / "results", seeds=1)
     assert set(found.summary()["label"]) == {"a", "b", "exact"}

@@ -13,11 +13,7 @@ from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
 from trajopt.views.export import motion_file as export
 
-PROBLEM = Problem(
-    [[0, 0.1], [0.4, 0], [1, 0.3], [1.5, 1]],
-    Limits([1, 2], [2, 3]),
-    "two joints",
-)
+PROBLEM = Problem([[0, 0.1], [0.4, 0], [1, 0.3], [1.5, 1]], Limits([1, 2], [2, 3]), "two joints")
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +40,7 @@ def test_csv_has_one_row_per_cycle_and_the_end_is_on_one(tmp_path, trial, cycle)
     header, rows = table(written(tmp_path / "t.csv", trial, cycle))
     names = ["joint_1 [rad]", "joint_2 [rad]", "joint_1 [rad/s]", "joint_2 [rad/s]"]
     assert header == ["time [s]", *names]
-    np.testing.assert_allclose(
-        rows[:, 0],
-        cycle * np.arange(len(rows)),
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(rows[:, 0], cycle * np.arange(len(rows)), atol=1e-9)
     late = rows[-1, 0] - trial.certified_duration
     assert 0 <= late < 0.01 * trial.certified_duration + 4 * cycle
 
@@ -59,11 +51,7 @@ def test_csv_follows_the_claimed_path_slowed_down_to_the_limits(tmp_path, trial)
     shares = rows[:, 0] / rows[-1, 0]
     expected = claimed(shares * claimed.duration)
     np.testing.assert_allclose(rows[:, 1:3], expected, atol=0.01)
-    np.testing.assert_allclose(
-        rows[[0, -1], 1:3],
-        PROBLEM.waypoints[[0, -1]],
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(rows[[0, -1], 1:3], PROBLEM.waypoints[[0, -1]], atol=1e-12)
     assert np.abs(rows[:, 3:] / [1, 2]).max() <= 1
 
 
@@ -80,17 +68,13 @@ def test_json_is_the_exact_certified_polynomial_and_the_verdict(tmp_path, trial)
         raise AssertionError(word)
 
     found = json.loads(
-        written(tmp_path / "t.json", trial).read_text("utf-8"),
-        parse_constant=refuse,
+        written(tmp_path / "t.json", trial).read_text("utf-8"), parse_constant=refuse
     )
     k, claimed = trial.certificate.dilation, trial.solution.trajectory
     np.testing.assert_allclose(found["breaks"], claimed.breaks * k, rtol=1e-12)
     powers = np.arange(len(claimed.coefficients))[::-1, None, None]
     np.testing.assert_allclose(
-        found["coefficients"],
-        claimed.coefficients / k**powers,
-        rtol=1e-9,
-        atol=1e-12,
+        found["coefficients"], claimed.coefficients / k**powers, rtol=1e-9, atol=1e-12
     )
     assert found["certified_duration"] == found["waypoint_times"][-1] == found["breaks"][-1]
     assert found["options"] == {"segment_time": 0.2}
@@ -107,12 +91,7 @@ def test_hdf5_is_a_trial_of_the_store(tmp_path, trial):
 
 @pytest.mark.parametrize("suffix", ["csv", "json"])
 def test_nothing_certified_is_nothing_to_write(tmp_path, suffix):
-    stuck = judge(
-        load("unoptimised"),
-        Problem([[0], [1]], Limits([1], [1])),
-        [0],
-        "unoptimised",
-    )[0]
+    stuck = judge(load("unoptimised"), Problem([[0], [1]], Limits([1], [1])), [0], "unoptimised")[0]
     with pytest.raises(StoreError, match="unsupported"):
         written(tmp_path / f"t.{suffix}", stuck)
     assert list(tmp_path.iterdir()) == []

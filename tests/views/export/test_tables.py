@@ -30,13 +30,7 @@ class Searching(Planner):
     """Quintics of `segment_time`; too short a one is dilated by the verifier. Keeps `history`."""
 
     segment_time: float = 2.0
-    history: tuple = (
-        (1, NAN),
-        (3, 9.0),
-        (5, 9.0),
-        (8, 6.0),
-        (10, 6.0),
-    )
+    history: tuple = ((1, NAN), (3, 9.0), (5, 9.0), (8, 6.0), (10, 6.0))
     evaluations: int | None = 10
     message: str = ""
     weight: float = NAN
@@ -134,17 +128,7 @@ def test_csv_comes_back_as_the_frame_it_was(tmp_path, results):
     pd.testing.assert_frame_equal(back, table, check_exact=True)
 
 
-NASTY = [
-    "=HYPERLINK(1)",
-    "+1",
-    "-2+3",
-    "@SUM(A1)",
-    "\tx",
-    "\r=1",
-    "\n=1",
-    "＝1",
-    "'quoted",
-]
+NASTY = ["=HYPERLINK(1)", "+1", "-2+3", "@SUM(A1)", "\tx", "\r=1", "\n=1", "＝1", "'quoted"]
 
 
 @pytest.mark.parametrize("name", NASTY)
@@ -202,9 +186,7 @@ def test_one_row_per_trial_with_its_gap_options_and_provenance(results):
         if t.problem is PROBLEM
     ]
     np.testing.assert_allclose(
-        table.loc[table["digest"] == PROBLEM.digest(), "gap"],
-        expected,
-        rtol=1e-12,
+        table.loc[table["digest"] == PROBLEM.digest(), "gap"], expected, rtol=1e-12
     )
     options = json.loads(table["options"][1])
     assert options["segment_time"] == 2.0

@@ -138,14 +138,7 @@ def test_a_figure_that_fails_is_a_warning_and_drawn_by_the_next_run(trials, tmp_
 
 
 def test_problems_of_one_name_have_folders_of_their_own(tmp_path):
-    problems = [
-        Problem(
-            [[0.0], [x]],
-            Limits([1.0], [1.0]),
-            "same",
-        )
-        for x in (1.0, 2.0)
-    ]
+    problems = [Problem([[0.0], [x]], Limits([1.0], [1.0]), "same") for x in (1.0, 2.0)]
     trials = []
     for problem in problems:
         trials += judge(load("exact"), problem, [0], "exact")

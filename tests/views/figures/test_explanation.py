@@ -104,11 +104,7 @@ def test_nothing_certified_is_nothing_to_explain(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize(
-    "bad",
-    [
-        ("six-axis", "--planner", "issa", "--seed", "-1"),
-        ("nowhere", "--planner", "issa"),
-    ],
+    "bad", [("six-axis", "--planner", "issa", "--seed", "-1"), ("nowhere", "--planner", "issa")]
 )
 def test_bad_input_exits_2(bad: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = run(capsys, *bad)

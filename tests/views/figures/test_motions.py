@@ -51,14 +51,7 @@ def test_waypoints_are_dots_in_positions_and_lines_elsewhere():
     problem, trajectory = motion_of(1)
     position, velocity, _ = motions.motion(problem, trajectory).axes
     dots = position.lines[-1]
-    np.testing.assert_allclose(
-        dots.get_xydata(),
-        [
-            [0, 0],
-            [1, 0.5],
-            [2, 1],
-        ],
-    )
+    np.testing.assert_allclose(dots.get_xydata(), [[0, 0], [1, 0.5], [2, 1]])
     passing = velocity.lines[-1]
     assert list(passing.get_xdata()) == [1, 1]
 

@@ -234,11 +234,7 @@ def dots(axes):
 
 
 def test_gap_distribution_shows_every_run_and_those_that_ran_once():
-    runs = {
-        "pso": np.array([0.3, 0.1, 0.2, nan]),
-        "near": np.array([0.15]),
-        "far": np.array([5.0]),
-    }
+    runs = {"pso": np.array([0.3, 0.1, 0.2, nan]), "near": np.array([0.15]), "far": np.array([5.0])}
     figure = plots.gap_distribution(runs)
     left, right = figure.axes
     np.testing.assert_allclose(dots(left), [10, 20, 30])

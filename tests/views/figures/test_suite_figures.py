@@ -36,20 +36,9 @@ class Searching(Planner):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         t = self.duration + 0.01 * seed
         h = problem.displacements[0, 0]
-        c = [
-            6 * h / t**5,
-            -15 * h / t**4,
-            10 * h / t**3,
-            0,
-            0,
-            problem.waypoints[0, 0],
-        ]
+        c = [6 * h / t**5, -15 * h / t**4, 10 * h / t**3, 0, 0, problem.waypoints[0, 0]]
         history = np.array([[10.0, 2 * t], [100.0, t]])
-        trajectory = Trajectory(
-            [0, t],
-            np.reshape(c, (6, 1, 1)),
-            [0, t],
-        )
+        trajectory = Trajectory([0, t], np.reshape(c, (6, 1, 1)), [0, t])
         return Solution(Status.SOLVED, trajectory, evaluations=100, history=history)
 
 
@@ -58,11 +47,7 @@ def trials() -> list[Trial]:
     found = []
     for number in range(3):
         problem = Problem([[0.0], [1.0 + number]], limits, f"problem {number}")
-        for name, duration, seeds in (
-            ("exact", 2.0, 1),
-            ("a_b", 2.2, 3),
-            ("slow$", 3.0, 3),
-        ):
+        for name, duration, seeds in (("exact", 2.0, 1), ("a_b", 2.2, 3), ("slow$", 3.0, 3)):
             found += judge(Searching(duration), problem, range(seeds), name)
     return found
 
@@ -94,16 +79,7 @@ def test_shares_count_each_problem_once() -> None:
 
 
 def test_anytime_curves_are_quartiles_of_the_gap() -> None:
-    runs = [
-        np.array(
-            [
-                [1.0, np.nan],
-                [4.0, 1.5],
-                [10.0, factor],
-            ]
-        )
-        for factor in (1.0, 1.1, 1.3)
-    ]
+    runs = [np.array([[1.0, np.nan], [4.0, 1.5], [10.0, factor]]) for factor in (1.0, 1.1, 1.3)]
     spent, quartiles = anytime({"a": runs})["a"]
     assert np.isinf(quartiles[:, spent < 4]).all()
     middle = quartiles[1]

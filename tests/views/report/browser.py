@@ -60,22 +60,13 @@ def opened(profile: Path) -> Iterator[Any]:
         driver.quit()
 
 
-def run(
-    browser: Any,
-    text: str,
-    *arguments: Any,
-) -> Any:
+def run(browser: Any, text: str, *arguments: Any) -> Any:
     """Run asynchronous JavaScript and return its value: `text` is the body of a function."""
     body = f"const done = arguments[arguments.length - 1]; (async (...args) => {{ {text} }})"
     return browser.execute_async_script(f"{body}(...arguments).then(done)", *arguments)
 
 
-def resize(
-    browser: Any,
-    width: int,
-    height: int,
-    scale: float = 1.0,
-) -> None:
+def resize(browser: Any, width: int, height: int, scale: float = 1.0) -> None:
     """Give the page a screen of so many pixels; a narrow one is a phone's."""
     size = {
         "width": width,

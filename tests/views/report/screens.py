@@ -65,25 +65,13 @@ def made(seeds: int, folder: Path) -> Path:
         if not entry.load().on_request:
             planners.append(name)
     problems = [suite.load(name) for name in PROBLEMS]
-    results = run.compare(
-        problems,
-        planners,
-        folder,
-        seeds=seeds,
-        progress=console.progress_line(),
-    )
+    results = run.compare(problems, planners, folder, seeds=seeds, progress=console.progress_line())
     return report.write(
         results, folder / "report.html", command="python tests/views/report/screens.py"
     )
 
 
-def looked_at(
-    browser: Any,
-    page: Path,
-    width: int,
-    scheme: str,
-    output: Path,
-) -> dict[str, object]:
+def looked_at(browser: Any, page: Path, width: int, scheme: str, output: Path) -> dict[str, object]:
     """Take the pictures of one screen; how far something stands out there, px."""
     output.mkdir(parents=True, exist_ok=True)
     chromium.resize(browser, width, HEIGHTS[width])
@@ -111,10 +99,7 @@ def main(*, seeds: int = 30, output: Path = Path("results/screens")) -> None:
         raise SystemExit(wanted)
     page = made(seeds, Path("results/screens"))
     screens = [(width, scheme) for width in HEIGHTS for scheme in SCHEMES]
-    with (
-        tempfile.TemporaryDirectory() as profile,
-        chromium.opened(Path(profile)) as browser,
-    ):
+    with tempfile.TemporaryDirectory() as profile, chromium.opened(Path(profile)) as browser:
         rows = [looked_at(browser, page.resolve(), *screen, output) for screen in screens]
     table = pd.DataFrame(rows)
     save_table(table, output / "screens")

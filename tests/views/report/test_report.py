@@ -57,26 +57,9 @@ class Made(Planner):
         if t is None:
             return Solution(Status.FAILED, message=self.message)
         h, start = problem.displacements[0, 0], problem.waypoints[0, 0]
-        c = [
-            6 * h / t**5,
-            -15 * h / t**4,
-            10 * h / t**3,
-            0,
-            0,
-            start,
-        ]
-        history = np.array(
-            [
-                [1, np.nan],
-                [10, 2 * t],
-                [100, t],
-            ]
-        )
-        found = Trajectory(
-            np.array([0, t]),
-            np.reshape(c, (6, 1, 1)),
-            np.array([0, t]),
-        )
+        c = [6 * h / t**5, -15 * h / t**4, 10 * h / t**3, 0, 0, start]
+        history = np.array([[1, np.nan], [10, 2 * t], [100, t]])
+        found = Trajectory(np.array([0, t]), np.reshape(c, (6, 1, 1)), np.array([0, t]))
         return Solution(Status.SOLVED, found, evaluations=100, history=history)
 
 
@@ -285,10 +268,7 @@ def test_trials_below_the_reference_are_in_the_red_box(html: str) -> None:
 def test_what_gaps_are_measured_against_and_how_much_is_proved() -> None:
     (exact,) = run("exact", 2.0)
     bound = replace(
-        exact,
-        planner="certify",
-        label="certify",
-        solution=replace(exact.solution, lower_bound=1.6),
+        exact, planner="certify", label="certify", solution=replace(exact.solution, lower_bound=1.6)
     )
     assert content.page(Results([exact, bound])).references == [
         "Gaps are to the exact optimum, 2.000000 s: proved within 25.000 % (lower bound "
@@ -311,10 +291,7 @@ def test_profiles_and_ecdfs_count_no_answer_as_the_worst(html: str) -> None:
     steps = [
         x
         for x, y, z in zip(
-            profile["mine"]["x"],
-            [0, *profile["mine"]["y"]],
-            profile["mine"]["y"],
-            strict=False,
+            profile["mine"]["x"], [0, *profile["mine"]["y"]], profile["mine"]["y"], strict=False
         )
         if z > y
     ]
@@ -405,10 +382,7 @@ def test_what_a_search_costs_is_in_the_page_as_counted_by_hand() -> None:
 def test_planners_are_compared_on_every_suite_both_ways() -> None:
     three = [problem(f"random-{n}", 0.5 + n) for n in range(3)]
     items = [t for p in three for t in (*run("mine", 2.0, 2.2, on=p), *run("other", 2.1, on=p))]
-    items += [
-        *run("mine", 3.0, on=problem("edge")),
-        *run("other", None, on=problem("edge")),
-    ]
+    items += [*run("mine", 3.0, on=problem("edge")), *run("other", None, on=problem("edge"))]
     page = content.page(Results(items))
     whole, part = suite_curves.suites(page)
     mine = page.labels.index("mine")
@@ -441,11 +415,7 @@ def test_ratios_and_probabilities_read_as_what_they_are() -> None:
 
 
 def test_the_first_to_compare_with_is_the_search_with_the_most_runs() -> None:
-    items = [
-        *run("exact", 1.0),
-        *run("some", 2.0, 2.0),
-        *run("most", 3.0, 3.0, 3.0),
-    ]
+    items = [*run("exact", 1.0), *run("some", 2.0, 2.0), *run("most", 3.0, 3.0, 3.0)]
     assert rivals.first(items, ["exact", "some", "most"]) == 2
     assert rivals.first(items[:1], ["exact"]) == 0
 
@@ -453,11 +423,7 @@ def test_the_first_to_compare_with_is_the_search_with_the_most_runs() -> None:
 def test_the_first_to_compare_with_answers_on_most_problems() -> None:
     """A swarm that solves one problem of two was the page's rival before a planner of both."""
     two = problem("two", 0.5)
-    items = [
-        *run("exact", 1.0),
-        *run("exact", 1.0, on=two),
-        *run("some", 2.0, 2.0, 3.0),
-    ]
+    items = [*run("exact", 1.0), *run("exact", 1.0, on=two), *run("some", 2.0, 2.0, 3.0)]
     assert rivals.first(items, ["some", "exact"]) == 1
 
 
@@ -467,11 +433,7 @@ def test_how_far_limits_are_missed_is_said_to_three_digits() -> None:
 
 
 def test_groups_are_families_of_names_and_kinds_of_limits() -> None:
-    jerky = Problem(
-        [[0.0], [1.0]],
-        Limits([1.0], [1.0], [1.0]),
-        "random-zigzag-j1-w2-01",
-    )
+    jerky = Problem([[0.0], [1.0]], Limits([1.0], [1.0], [1.0]), "random-zigzag-j1-w2-01")
     plain = [problem(n, e) for n, e in (("random-zigzag-j1-w2-00", 1.0), ("random-smooth-1", 2.0))]
     found = suite_curves.groups({p.name: p for p in (jerky, *plain)})
     assert found == {
@@ -488,27 +450,13 @@ def test_the_median_run_is_drawn_as_certified_at_no_more_than_200_points() -> No
     assert motion["seed"] == 2
     assert len(motion["t"]) <= motions.POINTS
     t = np.array(motion["t"]) / 2.0
-    np.testing.assert_allclose(
-        motion["values"][0][0],
-        6 * t**5 - 15 * t**4 + 10 * t**3,
-        atol=1e-4,
-    )
+    np.testing.assert_allclose(motion["values"][0][0], 6 * t**5 - 15 * t**4 + 10 * t**3, atol=1e-4)
     assert motions.panel(trials, ["mine"], with_motions=False)["motions"] == []
 
 
 def test_jumps_are_drawn_twice_and_many_pieces_evenly() -> None:
-    halves = np.array(
-        [
-            [0.5, -0.5],
-            [0.0, 1.0],
-            [0.0, 0.5],
-        ]
-    )[..., None]
-    bang = Trajectory(
-        np.array([0, 1, 2]),
-        halves,
-        np.array([0, 2]),
-    )
+    halves = np.array([[0.5, -0.5], [0.0, 1.0], [0.0, 0.5]])[..., None]
+    bang = Trajectory(np.array([0, 1, 2]), halves, np.array([0, 2]))
     times, values = motions.sampled(bang, 3, points=4)
     assert times.tolist() == [0, 1, 1, 2]
     assert values[2, 0].tolist() == [1, 1, -1, -1]
@@ -530,9 +478,7 @@ def test_trajectories_left_out_are_named(tmp_path: Path) -> None:
     path = report.write(Results(made()), tmp_path / "r.html", trajectories=1)
     page = path.read_text(encoding="utf-8")
     assert re.search(
-        r"trajectories of\s+1 of 2 problems are left out.*?</summary>\s+two</",
-        page,
-        re.S,
+        r"trajectories of\s+1 of 2 problems are left out.*?</summary>\s+two</", page, re.S
     )
     assert blob(page, "problem-0")["motions"]
     assert not blob(page, "problem-1")["motions"]
@@ -559,18 +505,10 @@ def test_the_same_results_give_the_same_bytes(tmp_path: Path) -> None:
 
 def test_packing_keeps_numbers_and_drops_what_is_not_finite() -> None:
     packed = packing.packed_json(
-        {
-            "a": [0.1, np.nan, np.inf],
-            "b": np.float64(1 / 3),
-            3: np.arange(2),
-        }
+        {"a": [0.1, np.nan, np.inf], "b": np.float64(1 / 3), 3: np.arange(2)}
     )
     unpacked = json.loads(gzip.decompress(base64.b64decode(packed)))
-    assert unpacked == {
-        "a": [0.1, None, None],
-        "b": 1 / 3,
-        "3": [0, 1],
-    }
+    assert unpacked == {"a": [0.1, None, None], "b": 1 / 3, "3": [0, 1]}
     assert packing.rounded([12345.678, 0.1, np.nan])[:2] == [12350.0, 0.0]
     assert packing.rounded([0.0, 0.0]) == [0.0, 0.0]
     assert packing.rounded([]) == []
@@ -607,10 +545,7 @@ def test_the_head_names_the_version_and_the_facts_every_commit() -> None:
 def test_the_command_runs_the_same_comparison_again() -> None:
     one = suite.load("one-joint")
     limits = {"timeout_limit": "60", "memory_limit": "1.5", "jobs": "2"}
-    items = [
-        *run("mine", 2.0, 2.1, 2.2, on=one),
-        *run("exact", 2.0, on=problem("own one")),
-    ]
+    items = [*run("mine", 2.0, 2.1, 2.2, on=one), *run("exact", 2.0, on=problem("own one"))]
     items = [replace(trial, provenance=trial.provenance | limits) for trial in items]
     page = content.page(Results(items))
     assert page.command == (
@@ -622,10 +557,7 @@ def test_the_command_runs_the_same_comparison_again() -> None:
     assert facts["memory limit of a trial (GiB)"] == "1.5"
     assert facts["trials side by side"] == "2"
     assert "planner_digest" not in facts
-    differing = [
-        replace(items[0], provenance=items[0].provenance | {"jobs": "1"}),
-        *items[1:],
-    ]
+    differing = [replace(items[0], provenance=items[0].provenance | {"jobs": "1"}), *items[1:]]
     assert "--jobs" not in content.page(Results(differing)).command
 
 
@@ -677,11 +609,7 @@ def test_a_trial_of_a_script_or_of_a_file_shows_no_command_that_would_fail() -> 
 
 
 def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
-    items = [
-        *run("mine", 2.0, 2.1, 2.2),
-        *run("other", 2.3, 2.4, None),
-        *run("exact", 1.0),
-    ]
+    items = [*run("mine", 2.0, 2.1, 2.2), *run("other", 2.3, 2.4, None), *run("exact", 1.0)]
     (found,) = suite_curves.between_seeds(content.page(Results(items)))
     page = content.page(Results(items))
     mine = page.labels.index("mine")
@@ -697,16 +625,8 @@ def test_pairs_of_seeds_are_counted_before_they_are_resampled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     two = problem("two", 0.5)
-    items = [
-        *run("a", 2.0, 2.1),
-        *run("b", 2.0, 2.1),
-        *run("c", 2.0, 2.1),
-        *run("exact", 2.0),
-    ]
-    items += [
-        *run("a", 2.0, 2.1, on=two),
-        *run("b", 2.0, 2.1, on=two),
-    ]
+    items = [*run("a", 2.0, 2.1), *run("b", 2.0, 2.1), *run("c", 2.0, 2.1), *run("exact", 2.0)]
+    items += [*run("a", 2.0, 2.1, on=two), *run("b", 2.0, 2.1, on=two)]
     page = content.page(Results(items))
     monkeypatch.setattr(suite_curves, "SEED_PAIRS", 4)  # 3 on the first problem, 1 on the other
     assert len(suite_curves.between_seeds(page)) == 2

@@ -36,11 +36,7 @@ from trajopt.views import report
 from trajopt.views.analysis.results import Results
 
 PLANNERS = ("toppra", "unoptimised", "pso:iterations=20")
-STIFF = Problem(
-    [[0.0], [1.0]],
-    Limits([1.0], [1.0], [2.0]),
-    "stiff",
-)
+STIFF = Problem([[0.0], [1.0]], Limits([1.0], [1.0], [2.0]), "stiff")
 
 Script = Callable[..., Any]
 
@@ -60,10 +56,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     folder = tmp_path_factory.mktemp("results")
     planners = [(spec.partition(":")[0], load(spec)) for spec in PLANNERS]
     run.compare([suite.load("one-joint")], planners, folder, seeds=3)
-    stiff = [
-        *made_on("mine", 3.0, 4.0, on=STIFF),
-        *judge(load("toppra"), STIFF, [0], "toppra"),
-    ]
+    stiff = [*made_on("mine", 3.0, 4.0, on=STIFF), *judge(load("toppra"), STIFF, [0], "toppra")]
     # the made-up `exact` is the later version of that planner, whichever test made it first
     later = [replace(trial, started="2100-01-01T00:00:00+00:00") for trial in made()]
     return Results([*store.Store(folder).read(), *stiff, *later])
@@ -290,17 +283,9 @@ def rivals() -> Results:
     items = []
     for n in range(8):
         name, best = f"{'random' if n < 5 else 'robots'}-{n}", 2.0 + n
-        on = Problem(
-            [[0.0], [1.0 + n]],
-            Limits([50.0 + n], [500.0]),
-            name,
-        )
+        on = Problem([[0.0], [1.0 + n]], Limits([50.0 + n], [500.0]), name)
         items += made_on("spline353-nlp", best, on=on)
-        for planner, runs, above in (
-            ("mine", 4, 0.02),
-            ("other", 4, 0.04),
-            ("slow", 1, 0.4),
-        ):
+        for planner, runs, above in (("mine", 4, 0.02), ("other", 4, 0.04), ("slow", 1, 0.4)):
             lost = planner == "other" and n in (1, 6)
             found = np.round(best * (1 + rng.exponential(above, runs)), 3)
             items += made_on(planner, *([None] * 4 if lost else found.tolist()), on=on)
@@ -427,11 +412,7 @@ def test_where_both_answer_is_told_beside_all(open_rivals: Script, rivals: Resul
     ratios = np.array([medians[n, "other"] / medians[n, "mine"] for n in names])
     _, count, better, tied, worse, ratio, _, _, _ = open_rivals(BOTH, "other")
     assert int(count) == len(names) == 6
-    counts = [
-        (ratios < 1).sum(),
-        (ratios == 1).sum(),
-        (ratios > 1).sum(),
-    ]
+    counts = [(ratios < 1).sum(), (ratios == 1).sum(), (ratios > 1).sum()]
     assert [int(better), int(tied), int(worse)] == counts
     assert float(ratio) == pytest.approx(np.exp(np.median(np.log(ratios))), abs=6e-6)
     assert open_rivals(BOTH, "slow") is None  # both answer everywhere

@@ -40,10 +40,7 @@ def _with_motion(known: Known, record: Record) -> Known:
     if trajectory is None or trajectory.duration >= computed * (1 - BETTER_RTOL):
         return known
     return replace(
-        known,
-        best=trajectory.duration,
-        best_by=f"recorded: {record.motion}",
-        trajectory=trajectory,
+        known, best=trajectory.duration, best_by=f"recorded: {record.motion}", trajectory=trajectory
     )
 
 
@@ -57,8 +54,4 @@ def _with_bound(known: Known, record: Record) -> Known:
         return known  # it proves nothing, or what checks it is not installed
     if bound <= threshold:
         return known
-    return replace(
-        known,
-        lower_bound=bound,
-        bound_by=f"recorded: {record.bound}, checked again",
-    )
+    return replace(known, lower_bound=bound, bound_by=f"recorded: {record.bound}, checked again")

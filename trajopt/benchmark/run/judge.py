@@ -107,22 +107,14 @@ def _served(bench: _Bench, request: Request) -> list[Written] | Failure:
         return Failure(WorkerError(traceback.format_exc()))
 
 
-def judge_here(
-    request: Request,
-    answers: Answers,
-    started: str,
-) -> list[Written]:
+def judge_here(request: Request, answers: Answers, started: str) -> list[Written]:
     """Verify answers in this process and store the trials."""
     limits = request.allowed.as_dict()
     trials = judged(request.entrant, request.problem, request.seeds, answers, started, limits)
     return request.store.write_all(trials, instead=_lost)
 
 
-def record(
-    request: Request,
-    status: Status,
-    message: str,
-) -> list[Written]:
+def record(request: Request, status: Status, message: str) -> list[Written]:
     """Store trials of a planner that did not answer: it hung, or its process died."""
     limits = request.allowed.as_dict()
     trials = [
@@ -137,22 +129,14 @@ def _lost(trial: Trial) -> Trial:
     message = traceback.format_exc()
     solution = Solution(Status.CRASHED, message=message)
     return replace(
-        trial,
-        status=solution.status,
-        message=message,
-        solution=solution,
-        certificate=None,
+        trial, status=solution.status, message=message, solution=solution, certificate=None
     )
 
 
 class _Solver:
     """A solver process as its judge sees it: its number, and the judge's ends of its pipes."""
 
-    def __init__(
-        self,
-        request: Request,
-        around: Surroundings,
-    ) -> None:
+    def __init__(self, request: Request, around: Surroundings) -> None:
         self.key = (request.planner, request.allowed.memory)
         questions, self.ask = os.pipe()
         self.hear, answers = os.pipe()
@@ -215,11 +199,7 @@ class _Solver:
 class _Bench:
     """A judge's link to its run, and its current solver process."""
 
-    def __init__(
-        self,
-        link: socket.socket,
-        around: Surroundings,
-    ) -> None:
+    def __init__(self, link: socket.socket, around: Surroundings) -> None:
         self._link = link
         self._around = around
         self._solver: _Solver | None = None
@@ -249,11 +229,7 @@ class _Bench:
             message = f"its process answered what no planner can: {type(error).__name__}: {error}"
             return record(request, Status.CRASHED, _with_output(message[:_TAIL_BYTES], printed))
         solutions = [_explained(solution, printed) for solution in answers.solutions]
-        timed = replace(
-            answers,
-            solutions=solutions,
-            wall_time=_believed(answers, elapsed),
-        )
+        timed = replace(answers, solutions=solutions, wall_time=_believed(answers, elapsed))
         limit = max(MIN_VERIFICATION_TIMEOUT_S, request.allowed.timeout * len(request.seeds))
         try:
             with _at_most(limit):

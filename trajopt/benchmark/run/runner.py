@@ -33,10 +33,7 @@ class Finished(NamedTuple):
 
 
 def run(
-    tasks: Sequence[Task],
-    store: Store,
-    allowed: Allowance,
-    executor: Executor | None = None,
+    tasks: Sequence[Task], store: Store, allowed: Allowance, executor: Executor | None = None
 ) -> Generator[Finished]:
     """Run tasks and store their trials; yield each task when it has finished.
 
@@ -49,11 +46,7 @@ def run(
     return here(tasks, store, allowed)
 
 
-def here(
-    tasks: Sequence[Task],
-    store: Store,
-    allowed: Allowance,
-) -> Generator[Finished]:
+def here(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
     """Run the tasks in this process, unsupervised."""
     for task in tasks:
         started = now()
@@ -63,11 +56,7 @@ def here(
         yield Finished(task, judge_here(request, plain, started))
 
 
-def in_children(
-    tasks: Sequence[Task],
-    store: Store,
-    allowed: Allowance,
-) -> Generator[Finished]:
+def in_children(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
     """Run `allowed.jobs` tasks at a time, each planner in a process that a judge supervises."""
     waiting = _requests(tasks, store, allowed)
     idle: list[_Judge] = []
@@ -93,10 +82,7 @@ def in_children(
 
 
 def on_executor(
-    tasks: Sequence[Task],
-    store: Store,
-    allowed: Allowance,
-    executor: Executor,
+    tasks: Sequence[Task], store: Store, allowed: Allowance, executor: Executor
 ) -> Generator[Finished]:
     """Run the tasks on an executor's workers, each of which has judges of its own."""
     futures = {}
@@ -185,9 +171,7 @@ def _or_lost(written: list[Written] | None, request: Request) -> list[Written]:
 
 
 def _requests(
-    tasks: Sequence[Task],
-    store: Store,
-    allowed: Allowance,
+    tasks: Sequence[Task], store: Store, allowed: Allowance
 ) -> deque[tuple[Task, Request]]:
     """Return a request for each task, the longest first.
 
@@ -210,11 +194,6 @@ def _requests(
     return requests
 
 
-def _request(
-    task: Task,
-    planner: bytes,
-    store: Store,
-    allowed: Allowance,
-) -> Request:
+def _request(task: Task, planner: bytes, store: Store, allowed: Allowance) -> Request:
     entrant = task.configuration.entrant
     return Request(entrant, task.problem, task.seeds, planner, store, allowed)

@@ -22,10 +22,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
-_LOADED = (
-    "trajopt.benchmark.run.judge",
-    "trajopt.planners.swarm_planner",
-)
+_LOADED = ("trajopt.benchmark.run.judge", "trajopt.planners.swarm_planner")
 # `-P`: the working folder may hold a `json.py` of its own.
 _COMMAND = (sys.executable, "-P", "-c")
 _PROGRAM = """\
@@ -35,11 +32,7 @@ from trajopt.benchmark.run import server
 server.serve(int(sys.argv[2]))
 """
 # Trials that run side by side must not fight for cores. NumPy reads this when it is imported.
-SINGLE_THREADED = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-}
+SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 class _Server:

@@ -57,11 +57,7 @@ class Surroundings:
 
 
 def live(
-    questions: int,
-    answers: int,
-    output: int,
-    around: Surroundings,
-    memory: float | None,
+    questions: int, answers: int, output: int, around: Surroundings, memory: float | None
 ) -> NoReturn:
     """Answer questions in the new process until the judge hangs up.
 
@@ -102,11 +98,7 @@ def _become_own_process() -> None:
         loaded.seed()  # else all processes would draw the same numbers
 
 
-def _keep_only(
-    questions: int,
-    answers: int,
-    output: int,
-) -> None:
+def _keep_only(questions: int, answers: int, output: int) -> None:
     """Close every other descriptor of the judge's, and print to the judge."""
     from fcntl import F_DUPFD, fcntl  # only Unix has it
 
@@ -122,13 +114,7 @@ def _keep_only(
 
 
 def _line_buffered(descriptor: int) -> TextIO:
-    return os.fdopen(
-        descriptor,
-        "w",
-        buffering=1,
-        errors="backslashreplace",
-        closefd=False,
-    )
+    return os.fdopen(descriptor, "w", buffering=1, errors="backslashreplace", closefd=False)
 
 
 def _limit_memory(memory: float) -> None:

@@ -41,11 +41,7 @@ class Allowance:
 
     @classmethod
     def of(
-        cls,
-        jobs: int,
-        executor: Executor | None,
-        timeout: float,
-        memory: float | None,
+        cls, jobs: int, executor: Executor | None, timeout: float, memory: float | None
     ) -> Allowance:
         """Return the limits under these arguments of `trajopt.compare`.
 
@@ -99,9 +95,7 @@ class Task:
 
 
 def plan(
-    problems: Sequence[Problem],
-    configurations: Sequence[Configuration],
-    seeds: int,
+    problems: Sequence[Problem], configurations: Sequence[Configuration], seeds: int
 ) -> list[Task]:
     """Return a task per problem and planner with all its seeds; identical tasks once.
 

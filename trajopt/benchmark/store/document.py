@@ -238,10 +238,7 @@ def _pairs(name: str, rows: Any) -> Array:
 
 
 def check_table(
-    key: str,
-    value: Any,
-    required: Collection[str],
-    optional: Collection[str] = (),
+    key: str, value: Any, required: Collection[str], optional: Collection[str] = ()
 ) -> None:
     """Raise `InvalidInput` unless a value is a table of these keys."""
     if not isinstance(value, dict):

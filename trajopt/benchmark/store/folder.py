@@ -91,9 +91,7 @@ class Store:
         return written.path
 
     def write_all(
-        self,
-        trials: Iterable[Trial],
-        instead: Callable[[Trial], Trial] | None = None,
+        self, trials: Iterable[Trial], instead: Callable[[Trial], Trial] | None = None
     ) -> list[Written]:
         """Store trials that finished together, which takes hardly longer than to store one.
 

@@ -58,9 +58,7 @@ def find(name_or_path: str) -> Path | None:
         return path
     if path.suffix or len(path.parts) > 1:
         raise InvalidInput(
-            "problem",
-            "a problem file that exists, or a built-in name",
-            file=name_or_path,
+            "problem", "a problem file that exists, or a built-in name", file=name_or_path
         )
     _made(name_or_path)
     return None

@@ -64,11 +64,7 @@ def draw(
     """
     if family not in FAMILIES:
         raise UnknownName("random family", family, FAMILIES)
-    sizes = {
-        "index": (index, 0),
-        "joints": (joints, 1),
-        "waypoints": (waypoints, 2),
-    }
+    sizes = {"index": (index, 0), "joints": (joints, 1), "waypoints": (waypoints, 2)}
     for key, (size, lowest) in sizes.items():
         if size is not None and size < lowest:
             raise InvalidInput(key, f"{lowest} or more", value=size)
@@ -116,30 +112,17 @@ def named(name: str) -> Problem | None:
     return problem if problem.name == name else None
 
 
-def _between(
-    rng: Generator,
-    low: float,
-    high: float,
-    shape: Any,
-) -> Array:
+def _between(rng: Generator, low: float, high: float, shape: Any) -> Array:
     # Generator.uniform may round once or twice, depending on the compiler.
     unit = rng.random(shape)
     return np.asarray(low + (high - low) * unit)
 
 
-def _signs(
-    rng: Generator,
-    k: int,
-    n: int,
-) -> Array:
+def _signs(rng: Generator, k: int, n: int) -> Array:
     return np.where(rng.random((k, n)) < 0.5, -1.0, 1.0)
 
 
-def _steps(
-    rng: Generator,
-    k: int,
-    n: int,
-) -> Array:
+def _steps(rng: Generator, k: int, n: int) -> Array:
     """Draw displacements `(k, n)` of 0.2 to 1.5 rad in either direction."""
     signs = _signs(rng, k, n)
     return signs * _between(rng, 0.2, 1.5, (k, n))
@@ -152,11 +135,7 @@ def _walk(rng: Generator, h: Array) -> Array:
     return np.vstack([start, start + travelled])
 
 
-def _smooth(
-    rng: Generator,
-    k: int,
-    n: int,
-) -> Array:
+def _smooth(rng: Generator, k: int, n: int) -> Array:
     """Evaluate one random cubic at even distances, by de Casteljau's algorithm."""
     control = _between(rng, -np.pi, np.pi, (4, 1, n))
     s = np.arange(k + 1)[:, None] / k
@@ -165,22 +144,14 @@ def _smooth(
     return np.asarray(control[0])
 
 
-def _zigzag(
-    rng: Generator,
-    k: int,
-    n: int,
-) -> Array:
+def _zigzag(rng: Generator, k: int, n: int) -> Array:
     turns = 1.0 - 2.0 * (np.arange(k) % 2)
     signs = turns[:, None] * _signs(rng, 1, n)
     sizes = _between(rng, 0.2, 1.5, (k, n))
     return _walk(rng, signs * sizes)
 
 
-def _collinear(
-    rng: Generator,
-    k: int,
-    n: int,
-) -> Array:
+def _collinear(rng: Generator, k: int, n: int) -> Array:
     """Draw uneven shares of a straight line, moved by 1e-6 to 1e-2 rad."""
     start = _between(rng, -np.pi, np.pi, n)
     h = 3 * _steps(rng, 1, n)
@@ -193,21 +164,12 @@ def _collinear(
     return np.asarray(straight + size * noise)
 
 
-def _ordinary(
-    rng: Generator,
-    k: int,
-    n: int,
-) -> Array:
+def _ordinary(rng: Generator, k: int, n: int) -> Array:
     h = _steps(rng, k, n)
     return _walk(rng, h)
 
 
-def _scaled(
-    rng: Generator,
-    k: int,
-    n: int,
-    shares: Array,
-) -> Array:
+def _scaled(rng: Generator, k: int, n: int, shares: Array) -> Array:
     """Multiply every other segment on average, and at least one, by a number of `shares`."""
     is_ordinary = rng.random(k) >= 0.5
     factors = rng.choice(shares, k)
@@ -231,12 +193,7 @@ def _unequal(rng: Generator, n: int) -> tuple[Array, Array]:
     return velocity, acceleration
 
 
-def _limits(
-    rng: Generator,
-    family: Family,
-    n: int,
-    jerk: bool,
-) -> Limits:
+def _limits(rng: Generator, family: Family, n: int, jerk: bool) -> Limits:
     high_velocity, high_acceleration = family.limits(rng, n)
     velocity = _pairs(rng, high_velocity)
     acceleration = _pairs(rng, high_acceleration)
@@ -281,8 +238,7 @@ FAMILIES = {
         partial(_scaled, shares=_TINY_SHARES),
     ),
     "huge": Family(
-        "segments of up to 15 000 rad among ordinary ones",
-        partial(_scaled, shares=_HUGE_SHARES),
+        "segments of up to 15 000 rad among ordinary ones", partial(_scaled, shares=_HUGE_SHARES)
     ),
     "unequal": Family("limits up to a million to one apart", _ordinary, _unequal),
 }

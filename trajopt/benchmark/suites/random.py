@@ -17,11 +17,7 @@ _LOWEST_ACCELERATION = 0.2  # rad/s²
 
 
 def random_problem(
-    seed: int,
-    *,
-    joints: int | None = None,
-    waypoints: int | None = None,
-    jerk: bool = False,
+    seed: int, *, joints: int | None = None, waypoints: int | None = None, jerk: bool = False
 ) -> Problem:
     """A random problem: 1–7 joints and 3–8 waypoints unless given, reproducible from its seed.
 
@@ -50,11 +46,7 @@ def random_problem(
     return Problem(path, limits, name=f"random-{seed}")
 
 
-def _displacements(
-    rng: Generator,
-    segments: int,
-    joints: int,
-) -> Array:
+def _displacements(rng: Generator, segments: int, joints: int) -> Array:
     """Displacements `(segments, joints)`, rad."""
     shape = (segments, joints)
     h = rng.uniform(0.05, 1.5, shape)
@@ -72,11 +64,7 @@ def _displacements(
     return h
 
 
-def _signs(
-    rng: Generator,
-    segments: int,
-    joints: int,
-) -> Array:
+def _signs(rng: Generator, segments: int, joints: int) -> Array:
     """Half of the joints go one way, the others turn back at random."""
     either = [-1.0, 1.0]
     own = rng.choice(either, joints)
@@ -95,11 +83,7 @@ def _shrink(rng: Generator, segments: int) -> Array:
     return np.where(tiny, scale, 1.0)
 
 
-def _limits(
-    rng: Generator,
-    joints: int,
-    low: float,
-) -> Array:
+def _limits(rng: Generator, joints: int, low: float) -> Array:
     """Pairs from `low` to 100 times as much; one joint in four is asymmetric."""
     decades = rng.uniform(0, 2, joints)
     high = low * 10**decades

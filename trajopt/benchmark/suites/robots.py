@@ -24,12 +24,7 @@ _NAME = re.compile(r"robots-(?P<arm>.+)-w(?P<waypoints>\d+)(?P<jerk>-jerk)?")
 arm = arm_file.read
 
 
-def robot_problem(
-    real: Arm,
-    waypoints: int,
-    *,
-    jerk: bool = False,
-) -> Problem:
+def robot_problem(real: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
     """Draw an arm's problem: uniform waypoints in its joint ranges, under its own limits.
 
     Waypoints lie in the middle 95 % of each range, and within one turn. They are the same with and

@@ -115,12 +115,7 @@ class ISSA(SSA):
             return opposite + step
 
 
-def chaotic_map(
-    x: Array,
-    y: Array,
-    a: float,
-    reading: Reading = "intended",
-) -> tuple[Array, Array]:
+def chaotic_map(x: Array, y: Array, a: float, reading: Reading = "intended") -> tuple[Array, Array]:
     """One step of the two-dimensional logistic-sine-coupling map (eq. 43), any shape.
 
     Maps the unit square to itself for `a` in `[0, 1]`: the sine's argument stays within `[0, π]`.
@@ -142,11 +137,7 @@ def chaotic_map(
     return x, y
 
 
-def falling_weight(
-    progress: float,
-    weight_max: float,
-    weight_min: float,
-) -> float:
+def falling_weight(progress: float, weight_max: float, weight_min: float) -> float:
     """Eq. 46: ω, where `progress` is `t / t_max`."""
     return weight_max - (weight_max - weight_min) * progress**2
 

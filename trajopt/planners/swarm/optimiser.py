@@ -91,10 +91,7 @@ class Box:
         top = np.broadcast_to(top, (runs, dim))
         ordered = bottom < top
         require("bounds", [low, high], bool(ordered.all()), "low < high")
-        return cls(
-            low=bottom[:, None],
-            high=top[:, None],
-        )
+        return cls(low=bottom[:, None], high=top[:, None])
 
     @property
     def dim(self) -> int:

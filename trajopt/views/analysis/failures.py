@@ -113,11 +113,7 @@ def reason(trial: Trial) -> Reason:
     if not found:
         return Reason(_NUMBER.sub("…", flaws[0]))
     what = found["what"]
-    return Reason(
-        _KINDS.get(what, what),
-        size=float(found["size"]),
-        unit=found["unit"],
-    )
+    return Reason(_KINDS.get(what, what), size=float(found["size"]), unit=found["unit"])
 
 
 def last_line(trial: Trial) -> str:

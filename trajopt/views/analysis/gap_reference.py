@@ -102,23 +102,14 @@ def _with_record(reference: Reference, problem: Problem) -> Reference:
         return reference
     has_proof = record.bound.method != CLOSED_FORM
     if has_proof and not record.lower_bound <= reference.proved:
-        reference = replace(
-            reference,
-            proved=record.lower_bound,
-            recorded_proof=str(record.bound),
-        )
+        reference = replace(reference, proved=record.lower_bound, recorded_proof=str(record.bound))
     computed = reference.duration if reference.kind in OPTIMA else inf
     if record.duration >= computed * (1 - BETTER_RTOL):
         return reference
     duration = records.answer(problem).duration
     if duration is None:
         return reference
-    return replace(
-        reference,
-        duration=duration,
-        kind="best known",
-        recorded=str(record.motion),
-    )
+    return replace(reference, duration=duration, kind="best known", recorded=str(record.motion))
 
 
 def _duration(trial: Trial) -> float:

@@ -141,12 +141,7 @@ class Results:
 
     @cached_property
     def _gaps(self) -> pd.DataFrame:
-        table = self._trials.merge(
-            self._references,
-            how="left",
-            left_on="digest",
-            right_index=True,
-        )
+        table = self._trials.merge(self._references, how="left", left_on="digest", right_index=True)
         for name in ("recorded", "recorded_proof"):
             table[name] = table[name].fillna("")
         table["gap"] = table["certified_duration"] / table["reference"] - 1

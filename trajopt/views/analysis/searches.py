@@ -79,9 +79,7 @@ def over_best(problems: Sequence[Histories]) -> dict[str, list[Array]]:
 
 
 def over_optimum(
-    trials: Sequence[Trial],
-    optima: Mapping[str, float],
-    cost: Cost,
+    trials: Sequence[Trial], optima: Mapping[str, float], cost: Cost
 ) -> dict[str, list[Array]]:
     """Per planner, every run's history over the optimum of its problem.
 
@@ -110,8 +108,7 @@ def over_optimum(
 
 
 def running_times(
-    relative: Mapping[str, Sequence[Array]],
-    targets: ArrayLike = TARGETS,
+    relative: Mapping[str, Sequence[Array]], targets: ArrayLike = TARGETS
 ) -> pd.DataFrame:
     """`Results.running_times()` of histories `over_best` or `over_optimum`.
 

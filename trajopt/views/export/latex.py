@@ -24,12 +24,7 @@ from trajopt.views import table_cells
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Results
 
-_PLANNERS = {
-    "solved": "solved",
-    "gap": "gap (\\%)",
-    "worst": "worst (\\%)",
-    "rank": "rank",
-}
+_PLANNERS = {"solved": "solved", "gap": "gap (\\%)", "worst": "worst (\\%)", "rank": "rank"}
 _TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "$p$ (Holm)")
 _OVER_PROBLEMS = ("better", "tied", "worse")
 _SUMMARY = (

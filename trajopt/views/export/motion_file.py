@@ -104,11 +104,7 @@ class Executed:
 
 
 def write(
-    path: Target | Path | str,
-    trial: Trial,
-    *,
-    cycle: float = 1e-3,
-    points: Points | None = None,
+    path: Target | Path | str, trial: Trial, *, cycle: float = 1e-3, points: Points | None = None
 ) -> Executed | None:
     """Write a trial's certified trajectory, and judge what a controller makes of the file.
 

@@ -40,12 +40,7 @@ def write_csv(results: Results, path: Path) -> None:
 
     def fill(place: Path) -> None:
         # with \r\n as the end of a line, texts with a lone \r in them are quoted
-        trials.to_csv(
-            place,
-            index=False,
-            lineterminator="\r\n",
-            errors="backslashreplace",
-        )
+        trials.to_csv(place, index=False, lineterminator="\r\n", errors="backslashreplace")
 
     atomic.write(path, fill)
 

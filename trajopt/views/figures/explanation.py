@@ -62,14 +62,7 @@ def _waterfall(axes: Axes, steps: Steps) -> None:
     axes.bar(x, heights, bottom=starts, color=colours, **bar)
     axes.bar(planner, ends[-1], color=BLUE, **bar)
     half = _BAR_WIDTH / 2
-    axes.hlines(
-        ends,
-        x + half,
-        x + 1 - half,
-        color=BLACK,
-        lw=0.6,
-        ls=_SHORT_DASHES,
-    )
+    axes.hlines(ends, x + half, x + 1 - half, color=BLACK, lw=0.6, ls=_SHORT_DASHES)
     _numbers(axes, ends)
     names = [f"+ {name}" for name, _ in steps]
     names[0], _ = steps[0]
@@ -102,10 +95,7 @@ def _numbers(axes: Axes, ends: Array) -> None:
 
 @styled
 def limit_use(
-    problem: Problem,
-    trajectory: Trajectory,
-    optimum: Trajectory | None = None,
-    title: str = "",
+    problem: Problem, trajectory: Trajectory, optimum: Trajectory | None = None, title: str = ""
 ) -> Figure:
     """Each moving joint's velocity and acceleration (jerk) over its limit, against time.
 
@@ -121,11 +111,7 @@ def limit_use(
     heights = [1.2, *[tall] * len(shown)]
     height = 0.3 + sum(heights)
     figure = Picture(figsize=(7.0, height), layout="constrained")
-    top, *maps = figure.subplots(
-        len(heights),
-        sharex=True,
-        height_ratios=heights,
-    )
+    top, *maps = figure.subplots(len(heights), sharex=True, height_ratios=heights)
     end = max(own.duration for own in shown.values())
     _highest(top, problem, trajectory, optimum)
     top.set_title(text(title), loc="left", wrap=True)
@@ -142,10 +128,7 @@ def limit_use(
 
 
 def _highest(
-    axes: Axes,
-    problem: Problem,
-    trajectory: Trajectory,
-    optimum: Trajectory | None,
+    axes: Axes, problem: Problem, trajectory: Trajectory, optimum: Trajectory | None
 ) -> None:
     """The highest use of any limit against time, filled; that of the optimum dashed."""
     t, use = _highest_use(problem, trajectory)
@@ -153,20 +136,8 @@ def _highest(
     axes.plot(t, use, color=BLUE, lw=0.9, label="planner")
     if optimum:
         t, use = _highest_use(problem, optimum)
-        axes.plot(
-            t,
-            use,
-            color=VERMILION,
-            ls=_LONG_DASHES,
-            lw=1.0,
-            label="optimum",
-        )
-    axes.legend(
-        loc="lower right",
-        ncols=2,
-        bbox_to_anchor=(1.0, 1.0),
-        borderaxespad=0.2,
-    )
+        axes.plot(t, use, color=VERMILION, ls=_LONG_DASHES, lw=1.0, label="optimum")
+    axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
 def _highest_use(problem: Problem, trajectory: Trajectory) -> tuple[Array, Array]:
@@ -180,15 +151,7 @@ def _heat(axes: Axes, problem: Problem, trajectory: Trajectory) -> QuadMesh:
     middles = 0.5 * (edges[:-1] + edges[1:])
     names, use = _use(problem, trajectory, middles)
     rows = np.arange(len(names) + 1)
-    mesh = axes.pcolormesh(
-        edges,
-        rows,
-        use,
-        vmin=0,
-        vmax=1,
-        cmap="cividis",
-        rasterized=True,
-    )
+    mesh = axes.pcolormesh(edges, rows, use, vmin=0, vmax=1, cmap="cividis", rasterized=True)
     axes.set_yticks(rows[:-1] + 0.5, names, fontsize=6)
     axes.tick_params(axis="y", length=0)
     passing = trajectory.waypoint_times[1:-1]

@@ -98,13 +98,7 @@ def _caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:
     keys = [Line2D([], [], label=name, **look) for name, look in looks.items()]
     left = LEFT_IN / figure.get_figwidth()
     line = 0.2 / figure.get_figheight()
-    figure.suptitle(
-        text(title),
-        x=left,
-        y=1 - line / 4,
-        ha="left",
-        fontsize=9,
-    )
+    figure.suptitle(text(title), x=left, y=1 - line / 4, ha="left", fontsize=9)
     figure.legend(
         handles=keys,
         loc="upper left",
@@ -136,13 +130,7 @@ def _limits(axes: Axes, limits: Array) -> None:
     for limit, beyond in zip(limits, BEYOND, strict=True):
         if np.isfinite(limit):
             axes.axhline(limit, **_LIMIT)
-            axes.axhspan(
-                limit,
-                limit + beyond,
-                color="0.93",
-                lw=0,
-                zorder=0,
-            )
+            axes.axhspan(limit, limit + beyond, color="0.93", lw=0, zorder=0)
 
 
 def _fit(axes: Axes) -> None:

@@ -269,32 +269,11 @@ def planner_look(label: str, order: Sequence[str]) -> Look:
     }
 
 
-def band(
-    axes: Axes,
-    spent: Array,
-    quartiles: Array,
-    shade: float,
-    look: Look,
-) -> None:
+def band(axes: Axes, spent: Array, quartiles: Array, shade: float, look: Look) -> None:
     """Draw a median as steps, in a band between its quartiles."""
     first, median, third = quartiles
-    axes.fill_between(
-        spent,
-        first,
-        third,
-        step="post",
-        color=look["color"],
-        alpha=shade,
-        lw=0,
-    )
-    axes.plot(
-        spent,
-        median,
-        drawstyle="steps-post",
-        markevery=0.13,
-        mfc="white",
-        **look,
-    )
+    axes.fill_between(spent, first, third, step="post", color=look["color"], alpha=shade, lw=0)
+    axes.plot(spent, median, drawstyle="steps-post", markevery=0.13, mfc="white", **look)
 
 
 # ---- gaps -----------------------------------------------------------------------------------

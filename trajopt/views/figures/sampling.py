@@ -16,11 +16,7 @@ POINTS_PER_CURVE = 240
 FEWEST_PER_PIECE = 5
 
 
-def both_sides(
-    trajectory: Trajectory,
-    order: int,
-    per_piece: int,
-) -> tuple[Array, Array]:
+def both_sides(trajectory: Trajectory, order: int, per_piece: int) -> tuple[Array, Array]:
     """Sample every polynomial piece, its ends included, so that jumps at breaks are vertical.
 
     Args:

@@ -59,11 +59,7 @@ def write(
     page = content.page(results)
     suites = suite_curves.suites(page)
     seeds = suite_curves.between_seeds(page)
-    tables = {
-        "suites": suites,
-        "seeds": seeds,
-        "files": (path.parent / "trials").is_dir(),
-    }
+    tables = {"suites": suites, "seeds": seeds, "files": (path.parent / "trials").is_dir()}
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("trajopt.views.report", "web"),
         autoescape=True,
@@ -114,10 +110,7 @@ def _breaks(label: str) -> Markup:
 def _blobs(page: content.Page, tables: dict[str, Any], trajectories: int) -> dict[str, str]:
     """Return the packed parts of the page: Plotly, the trials, and each problem."""
     data = content.trial_table(page) | tables
-    blobs = {
-        "data": packed_json(data),
-        "plotly": packed(get_plotlyjs()),
-    }
+    blobs = {"data": packed_json(data), "plotly": packed(get_plotlyjs())}
     drawn = page.drawn(trajectories)
     for number, trials in enumerate(page.trials_by_problem):
         shown = number in drawn

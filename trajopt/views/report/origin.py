@@ -35,9 +35,7 @@ _OWN_SUITE_SIZE = 4  # problems: fewer are named one by one
 
 
 def compare_command(
-    items: Sequence[Trial],
-    labels: Sequence[str],
-    problems: Mapping[str, Problem],
+    items: Sequence[Trial], labels: Sequence[str], problems: Mapping[str, Problem]
 ) -> str:
     """The `trajopt compare` that runs the same trials again.
 

@@ -52,9 +52,7 @@ def seeds(table: pd.DataFrame, labels: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _by_rival(
-    table: pd.DataFrame,
-    labels: Sequence[str],
-    line: Callable[[Any], dict[str, Any]],
+    table: pd.DataFrame, labels: Sequence[str], line: Callable[[Any], dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Per planner to compare with, by its place, the line of each other that it met, by its own."""
     place = {label: i for i, label in enumerate(labels)}

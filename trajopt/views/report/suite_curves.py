@@ -103,11 +103,7 @@ def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Cu
     return curves
 
 
-def _suite(
-    gaps: pd.DataFrame,
-    found: Sequence[Histories],
-    labels: Sequence[str],
-) -> dict[str, Any]:
+def _suite(gaps: pd.DataFrame, found: Sequence[Histories], labels: Sequence[str]) -> dict[str, Any]:
     durations = medians(gaps)
     ran = durations.notna().sum()
     whole = [label for label in labels if ran.get(label) == len(durations)]
@@ -148,8 +144,4 @@ def _steps(planner: int, x: Array, y: Array) -> Curve:
     """Return a staircase without the points at which it does not step."""
     changes = np.diff(y, prepend=np.nan) != 0  # the first point too
     changes[-1] = True
-    return {
-        "planner": planner,
-        "x": rounded(x[changes], 7),
-        "y": rounded(y[changes], 4),
-    }
+    return {"planner": planner, "x": rounded(x[changes], 7), "y": rounded(y[changes], 4)}
