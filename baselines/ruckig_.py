@@ -30,7 +30,8 @@ from baselines.linear_programs import LinearProgram
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, TrajoptError
-from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend, passing_once

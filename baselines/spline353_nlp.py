@@ -21,7 +21,8 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, passing_once

@@ -22,7 +22,8 @@ import numpy as np
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify

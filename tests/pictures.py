@@ -10,7 +10,8 @@ from matplotlib.text import Text
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation

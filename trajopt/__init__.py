@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from trajopt.core.exceptions import UnitWarning as UnitWarning
     from trajopt.core.exceptions import UnknownName as UnknownName
     from trajopt.core.exceptions import WrongType as WrongType
-    from trajopt.core.problem import Limits as Limits
+    from trajopt.core.limits import Limits as Limits
     from trajopt.core.problem import Problem as Problem
     from trajopt.core.solution import Solution as Solution
     from trajopt.core.solution import Status as Status

@@ -28,7 +28,8 @@ from baselines.exact.scaled import Scaled
 from baselines.ipopt import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify

@@ -26,7 +26,8 @@ from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend, passing_once

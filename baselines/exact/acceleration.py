@@ -22,8 +22,9 @@ import numpy as np
 
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
-from baselines.exact.cells import Cells, Rows, with_rest
+from baselines.exact.cells import Cells, with_rest
 from baselines.exact.crossover import minimised
+from baselines.exact.newton_step import Rows
 from baselines.exact.scaled import BRIEF_PIECE_S, Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from trajopt.core.arrays import Array

@@ -1,4 +1,4 @@
-"""The program of `exact.acceleration`, cell by cell: its unknowns and its inequalities.
+"""The unknowns of the program of `exact.acceleration`, cell by cell.
 
 A cell is one segment of one joint. Its unknowns are both end velocities and both peaks, counted
 from the segment's mean velocity in units of its time (mathematics, section 3); the others are the
@@ -12,18 +12,12 @@ repeated, and the axes of two come first: `(2 ends, 2 sides, starts, segments, j
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from baselines.exact.interior_point import chosen, moved
-from trajopt.core.arrays import Array, Bools
-
-if TYPE_CHECKING:
-    from baselines.exact.newton_step import Linear
-
+from trajopt.core.arrays import Array
 
 START_BARRIER = 0.1
 # Share of the velocity limits that a start uses at most.
@@ -85,6 +79,12 @@ def with_rest(inner: Array) -> Array:
     ends = np.zeros((waypoints + 2, joints))  # in place of `np.pad`, 50 us slower
     ends[1:-1] = inner
     return ends
+
+
+def both_sides(ends: Array) -> Array:
+    """Ends as both sides see them, the lower one mirrored: `(2, …)` to `(2, 2, …)`."""
+    of_each_side = ends[:, None]
+    return of_each_side * _SIDES
 
 
 def _by_axes_of_two(limits: ArrayLike) -> Array:
@@ -185,130 +185,3 @@ class Cells:
         inner = np.maximum(point.inner, self.lowest)
         np.minimum(inner, self.highest, out=inner)
         return Point(point.log, point.velocity, inner)
-
-
-class Gradients(NamedTuple):
-    """Rows' gradients, each times a number, over what a cell has.
-
-    Attributes:
-        s: over the logarithm of the time, `(2 sides, starts, segments, joints)`.
-        x: over the end velocities, `(2 ends, 2 sides, starts, segments, joints)`.
-        p: over the peak, `(2 sides, starts, segments, joints)`.
-    """
-
-    s: Array
-    x: Array
-    p: Array
-
-
-class Rows:
-    """Every inequality of the program at a point: what it leaves, and how that changes.
-
-    Two rows for each side of a cell: the room of the peak `p` below the velocity limit, and the
-    reach of the displacement beyond `h`. Over the logarithm `s` of the time `T`, the end velocities
-    `x` and `p` they have the gradients `room_s`, `room_p`, `reach_x` and `reach_p`.
-
-    Attributes:
-        values: what is left, negative where a row is broken,
-            `(2 kinds, 2 sides, starts, segments, joints)`.
-        times: of the segments, `(starts, segments)`.
-        t: the same for every joint.
-        x: end velocities as both sides see them.
-        cruise: velocity of the cruise, in the fastest ones.
-    """
-
-    start_slack = 0.1
-    min_gap_rtol = 1e-13
-    max_log_step = 1.0
-
-    def __init__(self, cells: Cells, point: Point) -> None:
-        peaks = point.peaks
-        in_stop_times = np.exp(point.log)
-        times = cells.stop * in_stop_times
-        by_segment = times[..., None]
-        t = by_segment * cells.ones
-        # (V − h/T − p T) / top
-        mean = cells.h_by_top / t
-        room_p = -t / cells.top
-        falling = room_p * peaks
-        cruise = mean - falling
-        # p − (p − u)²/(2 A2) − (p − w)²/(2 A1)
-        x = both_sides(point.ends)
-        risen = peaks - x
-        reach_x = risen / cells.a
-        spent_each = risen * reach_x
-        spent = spent_each[0] + spent_each[1]
-        values = np.empty_like(cells.lowest)
-        values[0] = cells.fastest - cruise
-        values[1] = peaks - spent / 2
-
-        self.cells = cells
-        self.point = point
-        self.values = values
-        self.start_barrier = np.full(len(times), START_BARRIER)
-        self.times = times
-        self.t = t
-        self.x = x
-        self.cruise = cruise
-        self.room_s = mean + falling
-        self.room_p = room_p
-        self.reach_x = reach_x
-        of_both_ends = reach_x[0] + reach_x[1]
-        self.reach_p = 1 - of_both_ends
-
-    def linear(self, multipliers: Array, weights: Array) -> Linear:
-        """The model of a Newton step; `weights` are multiplier over slack of each row."""
-        from baselines.exact.newton_step import Linear  # it needs the rows
-
-        return Linear(self, multipliers, weights)
-
-    def after(self, step: Point, length: Array) -> Rows:
-        """The rows after such a length of a step, clipped."""
-        cells = self.cells
-        return Rows(cells, cells.clipped(moved(self.point, step, length)))
-
-    def follows(self, before: Rows) -> Bools:
-        """Every point is allowed: clipping replaces a line search."""
-        return np.ones(len(self.times), dtype=bool)
-
-    def of(self, some: Bools) -> Rows:
-        """The rows of some of the starts."""
-        return Rows(self.cells.of(int(some.sum())), chosen(self.point, some))
-
-    @cached_property
-    def missing(self) -> Array:
-        """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
-        mean, _ = self.cells.h / self.t
-        excess = at_ends(self.point.velocity) - mean
-        return excess / self.t - self.point.ends
-
-    @property
-    def apart(self) -> Array:
-        """The most that a link misses, in units of the highest velocity, `(starts,)`."""
-        missed = np.abs(self.missing * self.room_p)
-        return missed.max(axis=(0, 2, 3))
-
-    def gradients(self, numbers: Array) -> Gradients:
-        """The rows' gradients times a number each."""
-        room, reach = numbers
-        by_p = self.room_p * room
-        by_p += self.reach_p * reach
-        return Gradients(self.room_s * room, self.reach_x * reach, by_p)
-
-    def change(self, step: Point, x: Array) -> Array:
-        """By how much a step changes every row; `x` are its ends, of both sides."""
-        s = step.log[..., None]
-        peaks = step.peaks
-        change = np.empty_like(self.values)
-        by_time = self.room_s * s
-        change[0] = by_time + self.room_p * peaks
-        reached = self.reach_x * x
-        by_ends = reached[0] + reached[1]
-        change[1] = by_ends + self.reach_p * peaks
-        return change
-
-
-def both_sides(ends: Array) -> Array:
-    """Ends as both sides see them, the lower one mirrored: `(2, …)` to `(2, 2, …)`."""
-    of_each_side = ends[:, None]
-    return of_each_side * _SIDES

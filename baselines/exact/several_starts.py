@@ -13,7 +13,8 @@ from baselines.ipopt import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
+from trajopt.core.limits import LIMIT_ORDERS, LimitName
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation

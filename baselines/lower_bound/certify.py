@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, Relation

@@ -29,7 +29,8 @@ import numpy as np
 from baselines.third_party import Rival, in_own_units
 from baselines.topp_ra import Knots, steps
 from trajopt.core.arrays import Array
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend

@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from trajopt.benchmark import trial
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import verification

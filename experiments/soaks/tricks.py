@@ -35,7 +35,8 @@ from trajopt.benchmark import judgement
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import samples_csv
 from trajopt.formats.samples import Samples

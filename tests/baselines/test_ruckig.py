@@ -9,7 +9,8 @@ import ruckig
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
 from experiments.soaks.relations import drawn
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import stop_times

@@ -9,7 +9,8 @@ from test_ruckig import random_problem
 
 from baselines import topp_ra
 from baselines.topp_ra import ToppRa, along, spline
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify

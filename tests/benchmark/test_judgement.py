@@ -12,7 +12,8 @@ import trajopt
 from trajopt.benchmark.judgement import GivenMotion, as_executed, motion_of
 from trajopt.benchmark.store import trial_text
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.motion import motion

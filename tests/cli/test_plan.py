@@ -14,7 +14,8 @@ from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.store import folder as store
 from trajopt.cli import main, plan
 from trajopt.cli.best_words import sentences
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.views.export import motion_file
 
 

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from trajopt.benchmark.suites import catalogue as suites
 from trajopt.core.exceptions import InvalidInput, UnitWarning
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.units import mixed_units
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=60)

@@ -20,7 +20,8 @@ from experiments.soaks import soak_report
 from experiments.soaks import tricks as families
 from experiments.soaks.tricks import Trick, least_time, rest_to_rest, tricks
 from trajopt.benchmark.trial import verdict
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.repair import repaired

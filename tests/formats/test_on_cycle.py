@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import samples_csv
 from trajopt.formats.on_cycle import moved

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from trajopt.core.exceptions import InvalidInput, UnitWarning, UnknownName
-from trajopt.core.problem import FallingVelocity, Problem
+from trajopt.core.limits import FallingVelocity
+from trajopt.core.problem import Problem
 from trajopt.formats import arms, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
 

@@ -8,7 +8,7 @@ import pytest
 from trajopt.benchmark.suites import catalogue
 from trajopt.core import arm_file
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import FallingVelocity
+from trajopt.core.limits import FallingVelocity
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.falling_velocity import EXCESS_ATOL, Excess, caveats, excess
 

@@ -18,7 +18,8 @@ from baselines.exact.jerk import ExactJerk
 from experiments.known_optima import one_way
 from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidTrajectory
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import repair
 from trajopt.judging.verification import Tolerance, certified, verify

@@ -11,7 +11,8 @@ import pytest
 from trajopt import compare
 from trajopt.benchmark.trial import Configuration, judge
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.planner import Planner, Relation, adapted
 from trajopt.planners.registry import _object, configured, load

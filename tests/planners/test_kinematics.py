@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.planners.kinematics import Robot, cartesian_problem
 
 DATA = Path(__file__).parents[2] / "data"

@@ -23,7 +23,8 @@ from trajopt.core.exceptions import (
     WorkerError,
     WrongType,
 )
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation, adapted, backend, passing_once

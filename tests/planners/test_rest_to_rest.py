@@ -10,7 +10,8 @@ import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.planners.rest_to_rest import end_to_end_bound, seven_phase, stop_times, trapezoidal
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=150)

@@ -27,7 +27,8 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.problem import FallingVelocity, Limits, Problem
+from trajopt.core.limits import FallingVelocity, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.core.units import mixed_units

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.best_planner import Best
 from trajopt.benchmark.trial import Trial
-from trajopt.core.problem import LIMIT_NAMES
+from trajopt.core.limits import LIMIT_NAMES
 from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned

@@ -13,7 +13,8 @@ from trajopt.cli import console
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import Json
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.problem import LIMIT_NAMES, LimitName, Limits, Problem
+from trajopt.core.limits import LIMIT_NAMES, LimitName, Limits
+from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.registry import Entry, entries
 

@@ -15,7 +15,8 @@ from trajopt.benchmark.suites.catalogue import Suite
 from trajopt.cli import console
 from trajopt.cli.parameters import Json, whole_number
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
 
 app = cyclopts.App(
     name="suite",

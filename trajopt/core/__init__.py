@@ -6,8 +6,8 @@ In reading order:
 - `polynomials`: roots, extrema and bounds of many polynomials at once;
 - `trajectory`: the piecewise polynomial, with `piecewise` (from SciPy) and `interpolation` (from
   samples);
-- `problem`: waypoints and limits;
+- `limits`, `problem`: limits of each joint; waypoints under limits;
 - `solution`: a planner's answer;
 - `problem_file`, `arm_file`: problems and robot arms in TOML;
-- `files`, `numerals`, `units`, `built_in`: what all readers of files share.
+- `files`, `tables`, `numerals`, `units`, `built_in`: what all readers of files share.
 """

@@ -32,7 +32,8 @@ import numpy as np
 from trajopt.core import built_in, files
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnknownName
-from trajopt.core.problem import LIMIT_NAMES, FallingVelocity, Limits, check_joint_names
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, Limits
+from trajopt.core.tables import check_joint_names
 from trajopt.core.units import ANGLES
 
 _FALLING = "falling_velocity"

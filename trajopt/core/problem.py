@@ -2,159 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
-from trajopt.core.numerals import is_number
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, LimitName, Limits
+from trajopt.core.tables import check_joint_names, frozen, waypoint_table
 
-LimitName = Literal["velocity", "acceleration", "jerk", "position"]
-LIMIT_ORDERS: dict[LimitName, int] = {"velocity": 1, "acceleration": 2, "jerk": 3, "position": 0}
-"""Which derivative of position each limit bounds."""
-LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
 
 # A coordinate is known to some units in its last place.
 COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Bounds of each joint, as `(joints, 2)` arrays of `[low, high]`.
-
-    Each argument is one number per joint (symmetric: `[-x, x]`), or a `[low, high]` pair, or a
-    mixture. Units: rad/s, rad/s², rad/s³, rad (metres for a prismatic joint). Velocity and
-    acceleration are finite; `jerk` and `position` default to none (infinite), and may be infinite
-    for some joints only.
-
-    Limits are equal if all their numbers are.
-
-    Raises `InvalidInput` naming the key, joint and value.
-    """
-
-    velocity: Array
-    acceleration: Array
-    jerk: Array
-    position: Array
-
-    def __init__(
-        self,
-        velocity: ArrayLike | Sequence[Any],
-        acceleration: ArrayLike | Sequence[Any],
-        jerk: ArrayLike | Sequence[Any] | None = None,
-        position: ArrayLike | Sequence[Any] | None = None,
-    ) -> None:
-        joints = len(_pairs("velocity", velocity))
-        unlimited = np.tile([-np.inf, np.inf], (joints, 1))
-        self.__dict__.update(
-            velocity=velocity,
-            acceleration=acceleration,
-            jerk=unlimited if jerk is None else jerk,
-            position=unlimited if position is None else position,
-        )
-        for name, value in self.by_name().items():
-            pairs = _pairs(name, value)
-            if len(pairs) != joints:
-                expected = f"{joints} values, one per joint"
-                raise InvalidInput(f"limits.{name}", expected, value=len(pairs))
-            _check_signs(name, pairs)
-            self.__dict__[name] = frozen(pairs)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Limits):
-            return NotImplemented
-        theirs = other.by_name()
-        return all(np.array_equal(own, theirs[name]) for name, own in self.by_name().items())
-
-    def __hash__(self) -> int:
-        return hash(self.velocity.tobytes())
-
-    @property
-    def joints(self) -> int:
-        return len(self.velocity)
-
-    @property
-    def jerk_limited(self) -> Bools:
-        """Which joints have a jerk limit, on one side at least, `(joints,)`."""
-        finite = np.isfinite(self.jerk)
-        return np.any(finite, axis=1)
-
-    def without(self, *names: LimitName) -> Limits:
-        """Return these limits without the named ones: jerk, position, or both."""
-        remaining = self.by_name()
-        for name in names:
-            remaining.pop(name, None)
-        return Limits(**remaining)
-
-    def only(self, joints: ArrayLike) -> Limits:
-        """The limits of some joints, by index (from 0) or mask."""
-        chosen = np.asarray(joints)
-        pairs = {}
-        for name, own in self.by_name().items():
-            pairs[name] = own[chosen]
-        return Limits(**pairs)
-
-    def scaled(self, factor: ArrayLike) -> Limits:
-        """Every limit times a positive factor, or one per joint, as another unit needs it."""
-        factors = np.asarray(factor, dtype=float)[..., None]
-        pairs = {}
-        for name, own in self.by_name().items():
-            pairs[name] = factors * own
-        return Limits(**pairs)
-
-    def in_units(self, time: float, lengths: Array | float) -> Limits:
-        """These limits where times count in `time`, s, and positions in `lengths`, rad.
-
-        `lengths` is one for all joints, or `(joints, 1)`.
-        """
-        rate = time / lengths
-        pairs = {"position": self.position / lengths}
-        for name, order in LIMIT_ORDERS.items():
-            if order > 0:
-                pairs[name] = getattr(self, name) * rate * time ** (order - 1)
-        return Limits(**pairs)
-
-    def by_name(self) -> dict[str, Array]:
-        """Every limit, `(joints, 2)`, by its name."""
-        return {name: getattr(self, name) for name in LIMIT_NAMES}
-
-
-@dataclass(frozen=True)
-class FallingVelocity:
-    """A velocity limit that falls to zero towards the ends of a joint's range.
-
-    The joint at `q` may move upwards no faster than `max(0, sqrt(2 d max(0, high − q)) − o)`, and
-    downwards no faster than `max(0, sqrt(2 d max(0, q − low)) − o)`. This is Franka's form
-    (libfranka, `include/franka/rate_limiting.h`; `<position_based_velocity_limits>` in a URDF).
-
-    Attributes:
-        offset: `o`, rad/s (m/s for a prismatic joint).
-        deceleration: `d`, rad/s².
-        low, high: Positions where the roots end, rad; they may differ from the position limits.
-    """
-
-    offset: float
-    deceleration: float
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.offset < np.inf:
-            raise InvalidInput("velocity_offset", "a number from 0", value=self.offset)
-        if not 0 < self.deceleration < np.inf:
-            right = "a positive number"
-            raise InvalidInput("deceleration_limit", right, value=self.deceleration)
-        if not -np.inf < self.low < self.high < np.inf:
-            right = "a finite range, lower below upper"
-            raise InvalidInput("position range", right, value=[self.low, self.high])
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,14 +203,10 @@ class Problem:
         Raises:
             InvalidInput: Names the file, the key, the joint, the value, and what would be right.
         """
-        from trajopt.core import problem_file  # which makes problems
-
-        return problem_file.read(Path(path))
+        return problem_file.read(Path(path), cls)
 
     def to_toml(self) -> str:
         """The problem file, in radians; reading it back gives the same digest."""
-        from trajopt.core import problem_file  # which makes problems
-
         return problem_file.text(self)
 
     def _check_waypoints(self) -> None:
@@ -375,84 +237,6 @@ def check_problem(value: object) -> Problem:
     )
 
 
-def _pairs(name: str, value: Any) -> Array:
-    """One `[low, high]` pair per joint, from numbers (symmetric) or pairs."""
-    if _is_table(value) and value.shape[1] == 2:
-        return value
-    key = f"limits.{name}"
-    if not _is_list(value) or len(value) == 0:
-        raise InvalidInput(
-            key, "a list with a number, or a pair [low, high], for every joint", value=value
-        )
-    pairs = []
-    for joint, item in enumerate(value):
-        pair = item if _is_list(item) else (item, item)
-        if len(pair) != 2 or not all(map(_is_bound, pair)):
-            raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
-        low, high = map(float, pair)
-        pairs.append((low if pair is item else -high, high))
-    return np.array(pairs)
-
-
-def _check_signs(name: str, pairs: Array) -> None:
-    """Refuse infinite velocities and accelerations, rates without rest, unordered positions."""
-    low, high = pairs.T
-    right = low < high
-    expected = "low < high"
-    if name != "position":
-        right = (low < 0) & (high > 0)
-        expected = "a positive number, or low < 0 < high"
-    if name in ("velocity", "acceleration"):
-        right &= np.isfinite(low) & np.isfinite(high)
-        expected += ", finite"
-    for joint in np.flatnonzero(~right):
-        value: Any = pairs[joint].tolist()
-        if name != "position" and low[joint] == -high[joint]:
-            value = float(high[joint])
-        raise InvalidInput(f"limits.{name}", expected, value=value, joint=int(joint))
-
-
-def waypoint_table(rows: Any) -> Array:
-    """Waypoints as a table; errors name the waypoint and the joint, counted from 1.
-
-    Raises:
-        InvalidInput: Fewer than two rows, rows of different lengths, a value that is not finite.
-    """
-    if _is_table(rows) and len(rows) > 1 and np.isfinite(rows).all():
-        return rows
-    if not _is_list(rows) or len(rows) < 2:
-        raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
-    for number, row in enumerate(rows, start=1):
-        key = f"waypoints, waypoint {number}"
-        if not _is_list(row) or len(row) == 0:
-            raise InvalidInput(key, "a row of numbers, one per joint", value=row)
-        joints = len(rows[0])
-        if len(row) != joints:
-            raise InvalidInput(key, f"{joints} numbers", value=list(row))
-        for joint, item in enumerate(row):
-            if not is_number(item):
-                raise InvalidInput(key, "a finite number", value=item, joint=joint)
-    return np.array(rows, dtype=float)
-
-
-def check_joint_names(names: Sequence[Any], joints: int) -> None:
-    """Refuse names that are not one printable text per joint, or not unique.
-
-    Raises:
-        InvalidInput: Names the joint and the value.
-    """
-    if len(names) != joints:
-        right = f"{joints} names, one per joint"
-        raise InvalidInput("joint_names", right, value=list(names))
-    seen = set()
-    for joint, name in enumerate(names):
-        if not isinstance(name, str) or not name.isprintable() or not name.strip():
-            raise InvalidInput("joint_names", "a name", value=name, joint=joint)
-        if name in seen:
-            raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
-        seen.add(name)
-
-
 def _check_joint_units(units: Sequence[str], joints: int) -> None:
     if len(units) not in (0, joints):
         right = f"{joints} units, one per joint of the waypoints"
@@ -481,28 +265,3 @@ def _differing(waypoints: Array) -> Bools:
         if differs[row]:
             last = waypoint
     return differs
-
-
-def _is_table(value: Any) -> TypeGuard[Array]:
-    """Return whether this is a table of floats, whose items need no check of their types."""
-    if not isinstance(value, np.ndarray) or value.dtype != float:
-        return False
-    return value.ndim == 2 and value.size > 0
-
-
-def _is_list(value: Any) -> bool:
-    if isinstance(value, np.ndarray):
-        return value.ndim > 0
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
-
-
-def _is_bound(value: Any) -> bool:
-    """Return whether this is a number, or infinite."""
-    return is_number(value) or (isinstance(value, float) and math.isinf(value))
-
-
-def frozen(values: ArrayLike) -> Array:
-    """Return a read-only copy."""
-    array = np.array(values, dtype=float)
-    array.setflags(write=False)
-    return array

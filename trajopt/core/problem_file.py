@@ -29,9 +29,9 @@ per joint, "m" or "mm" for that joint:
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
@@ -41,15 +41,12 @@ from trajopt.core.arm_file import Arm
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
-from trajopt.core.problem import (
-    LIMIT_NAMES,
-    FallingVelocity,
-    Limits,
-    Problem,
-    check_joint_names,
-    waypoint_table,
-)
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, Limits
+from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
+
+if TYPE_CHECKING:
+    from trajopt.core.problem import Problem
 
 _KEYS = (
     "name",
@@ -65,8 +62,12 @@ _KEYS = (
 _UNIT_KEYS = ("waypoints", "limits")
 
 
-def read(path: Path) -> Problem:
+def read(path: Path, make: Callable[..., Problem]) -> Problem:
     """Read a problem file.
+
+    Args:
+        path: the file.
+        make: `Problem`, which this module does not import: problems read themselves with it.
 
     Warns with `UnitWarning` where one unit is given for everything, but waypoints and limits look
     as if they were written in different ones.
@@ -75,7 +76,7 @@ def read(path: Path) -> Problem:
         InvalidInput: Names the file, the key, the joint, the value, and what would be right.
     """
     try:
-        return _problem(files.toml(path, "problem"), path)
+        return _problem(files.toml(path, "problem"), path, make)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
@@ -87,7 +88,7 @@ def units(path: Path) -> list[str]:
     return _units(said, waypoint_table(table["waypoints"]).shape[1])["waypoints"]
 
 
-def _problem(table: Mapping[str, Any], path: Path) -> Problem:
+def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem]) -> Problem:
     arm = _arm(table)
     required = ("waypoints",) if arm else ("limits", "waypoints")
     check_keys("", table, _KEYS, required)
@@ -124,7 +125,7 @@ def _problem(table: Mapping[str, Any], path: Path) -> Problem:
     scaled = written.scaled(size["limits"]).by_name()
     kept = {kind: pairs for kind, pairs in of_robot.items() if kind not in given}
     units_known = arm is not None or list in map(type, said.values())
-    problem = Problem(
+    problem = make(
         waypoints * size["waypoints"],
         Limits(**(scaled | kept)),
         name=text_at(table, "name", path.stem),

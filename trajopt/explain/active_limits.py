@@ -10,7 +10,8 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
-from trajopt.core.problem import LIMIT_ORDERS, LimitName, Limits, Problem
+from trajopt.core.limits import LIMIT_ORDERS, LimitName, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
 from trajopt.planners.planner import Planner

@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 
 from trajopt.core import arm_file
-from trajopt.core.problem import LimitName
+from trajopt.core.limits import LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
 

@@ -33,8 +33,8 @@ import numpy as np
 
 from trajopt.core import files
 from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.core.limits import LimitName
 from trajopt.core.out_of_scope import out_of_scope
-from trajopt.core.problem import LimitName
 from trajopt.formats import yaml_file
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 

@@ -23,7 +23,7 @@ import scipy  # imports its parts, half a second, where they are first used
 from numpy.typing import NDArray
 
 from trajopt.core.arrays import Array
-from trajopt.core.problem import Limits
+from trajopt.core.limits import Limits
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

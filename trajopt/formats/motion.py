@@ -23,7 +23,8 @@ from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.numerals import is_number
-from trajopt.core.problem import Problem, check_joint_names
+from trajopt.core.problem import Problem
+from trajopt.core.tables import check_joint_names
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, samples_csv
 from trajopt.formats.samples import Samples, known_as

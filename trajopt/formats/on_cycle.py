@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LimitName, Problem
+from trajopt.core.limits import LimitName
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.joint_program import JointProgram
 from trajopt.formats.samples import Samples

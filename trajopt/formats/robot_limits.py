@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
-from trajopt.core.problem import LIMIT_NAMES, FallingVelocity, LimitName, Limits
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, LimitName, Limits
 
 Bounds = tuple[float, float]
 JointBounds = Mapping[LimitName, Bounds]

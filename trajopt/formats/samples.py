@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from trajopt.core import interpolation as between
 from trajopt.core.arrays import Array
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.problem import check_joint_names, frozen
+from trajopt.core.tables import check_joint_names, frozen
 from trajopt.core.trajectory import Trajectory
 
 

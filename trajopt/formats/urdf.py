@@ -22,7 +22,7 @@ import numpy as np
 
 from trajopt.core import files, numerals
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import FallingVelocity, LimitName
+from trajopt.core.limits import FallingVelocity, LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move

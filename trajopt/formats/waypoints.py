@@ -24,7 +24,8 @@ import numpy as np
 from trajopt.core import files
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
-from trajopt.core.problem import Problem, waypoint_table
+from trajopt.core.problem import Problem
+from trajopt.core.tables import waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, contradicted, mixed_units
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits

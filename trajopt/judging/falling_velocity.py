@@ -15,7 +15,8 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
-from trajopt.core.problem import FallingVelocity, Problem
+from trajopt.core.limits import FallingVelocity
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 
 MAX_NAMED = 6  # problems that a warning names

@@ -24,7 +24,8 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
-from trajopt.core.problem import LIMIT_ORDERS, Problem
+from trajopt.core.limits import LIMIT_ORDERS
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import EPS, Trajectory, nearest
 
 # Share of every limit. A correction that uses less is left out; all of them together change the

@@ -17,7 +17,8 @@ import numpy as np
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.exceptions import InvalidTrajectory, WrongType, shown
-from trajopt.core.problem import LIMIT_ORDERS, Problem, check_problem
+from trajopt.core.limits import LIMIT_ORDERS
+from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 

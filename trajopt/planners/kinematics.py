@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike
 from trajopt.core import files
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.units import ANGLES
 
 _COLUMNS = ("a", "alpha", "d", "theta", "joint_range")

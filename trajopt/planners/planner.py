@@ -31,7 +31,8 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput, MissingBackend
-from trajopt.core.problem import LimitName, Problem, check_problem
+from trajopt.core.limits import LimitName
+from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 

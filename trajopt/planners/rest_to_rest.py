@@ -10,7 +10,8 @@ from collections.abc import Callable
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 
 # More than the closed forms can round.
 _ROUNDING_RTOL = 1e-12

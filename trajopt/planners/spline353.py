@@ -21,7 +21,8 @@ import numpy as np
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 
 Roots = Callable[[Array], Array]

@@ -15,7 +15,8 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, expanded, passing_once

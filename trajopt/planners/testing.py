@@ -18,7 +18,8 @@ import cloudpickle
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, TrajoptError
-from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible, raised

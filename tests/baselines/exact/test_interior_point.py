@@ -9,10 +9,11 @@ import pytest
 
 from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact, Passing, starting_points
-from baselines.exact.cells import Cells, Rows
+from baselines.exact.cells import Cells
 from baselines.exact.jerk_cells import Cells as JerkCells
 from baselines.exact.jerk_cells import Point
 from baselines.exact.jerk_cells import Rows as JerkRows
+from baselines.exact.newton_step import Rows
 from baselines.exact.scaled import Scaled
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import families

@@ -10,7 +10,8 @@ from pictures import Sleepy, some_trials
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.registry import load
 from trajopt.views.analysis.results import Results

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pictures import motion_of, overlaps, texts
 
-from trajopt.core.problem import Limits
+from trajopt.core.limits import Limits
 from trajopt.views.figures import motions, style
 
 

@@ -7,7 +7,8 @@ from functools import cache
 from typing import Any
 
 from trajopt.core import built_in, files
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 
 # Raise it whenever a degenerate problem changes.
 EDGES_VERSION = 1

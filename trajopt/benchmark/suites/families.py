@@ -22,7 +22,8 @@ import numpy as np
 
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnknownName
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 
 if TYPE_CHECKING:
     from numpy.random import Generator

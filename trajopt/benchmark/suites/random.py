@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
 
 # Raise it whenever `random_problem` changes what a seed means.
 GENERATOR_VERSION = 1

@@ -23,7 +23,7 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import StoreError
-from trajopt.core.problem import LimitName
+from trajopt.core.limits import LimitName
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.views.analysis.curves import anytime, everywhere, gap_shares, profile

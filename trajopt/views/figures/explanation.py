@@ -11,7 +11,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from trajopt.core.arrays import Array
-from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
+from trajopt.core.limits import LIMIT_ORDERS, LimitName
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures.plots import Look, Picture, styled
 from trajopt.views.figures.style import BLACK, BLUE, GREY, VERMILION, text

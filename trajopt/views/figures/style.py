@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import log10
 from typing import Any
 
-from trajopt.core.problem import LimitName
+from trajopt.core.limits import LimitName
 
 BLACK = "#000000"
 BLUE = "#0072B2"

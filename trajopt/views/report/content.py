@@ -13,7 +13,8 @@ import pandas as pd
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.results import Results
