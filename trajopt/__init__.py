@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from trajopt.judging.verification import verify as verify
     from trajopt.planners.planner import Planner as Planner
     from trajopt.planners.planner import Relation as Relation
-    from trajopt.views.analysis.results import Results as Results
     from trajopt.views.export.motion_file import write as write
+    from trajopt.views.results import Results as Results
 
     __version__: str
 
@@ -41,7 +41,7 @@ _MODULE = {
     "Planner": "planners.planner",
     "Problem": "core.problem",
     "Relation": "planners.planner",
-    "Results": "views.analysis.results",
+    "Results": "views.results",
     "Solution": "core.solution",
     "Status": "core.solution",
     "StoreError": "core.exceptions",

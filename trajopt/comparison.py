@@ -29,8 +29,8 @@ from trajopt.benchmark.trial import Configuration, Trial, now
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
-from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.versions import Kept, newest
+from trajopt.views.results import Results
 
 TIMEOUT = 600.0  # s, of a trial
 

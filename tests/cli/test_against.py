@@ -9,7 +9,7 @@ from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
 from trajopt.benchmark.trial import judge
 from trajopt.cli import against, app
 from trajopt.cli import compare as command
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one step")
 

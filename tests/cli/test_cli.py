@@ -26,7 +26,7 @@ from trajopt.cli import compare, plan, suite_table
 from trajopt.cli.explain import RUNS, explained_run
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries, load, options
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 NAMES = {
     "unoptimised",

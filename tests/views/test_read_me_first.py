@@ -9,9 +9,9 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
 from trajopt.views import report
-from trajopt.views.analysis.results import Results
 from trajopt.views.export import tables
 from trajopt.views.figures import draw
+from trajopt.views.results import Results
 
 
 @pytest.fixture(scope="module")

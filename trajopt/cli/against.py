@@ -13,7 +13,7 @@ from trajopt.cli import console
 from trajopt.cli.console import Grid
 from trajopt.views import table_cells
 from trajopt.views.analysis.pairwise import against
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 from trajopt.views.table_cells import Cells
 
 _PAIRED_MEANING = (

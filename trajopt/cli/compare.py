@@ -27,8 +27,8 @@ from trajopt.judging.falling_velocity import caveats
 from trajopt.planners.registry import entries, named
 from trajopt.planners.registry import label as label_of
 from trajopt.views.analysis.gap_reference import improvements
-from trajopt.views.analysis.results import Results
 from trajopt.views.figures import draw
+from trajopt.views.results import Results
 
 MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table and figures each
 

@@ -13,7 +13,7 @@ from trajopt.cli.against import paired_row
 from trajopt.core.exceptions import InvalidInput
 from trajopt.views import table_cells
 from trajopt.views.analysis.changes import SIGNIFICANCE, by_planner, changes
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 _MEANING = (
     "A median of several runs moved if Mann and Whitney's test says so, adjusted for all tests "

@@ -10,9 +10,9 @@ from trajopt.cli.parameters import beside
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.planners.registry import label as label_of
 from trajopt.planners.registry import named
-from trajopt.views.analysis.results import Results
 from trajopt.views.export import latex, tables
 from trajopt.views.figures import draw
+from trajopt.views.results import Results
 
 _NAMES = {
     "csv": "trials.csv",

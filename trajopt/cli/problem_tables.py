@@ -9,7 +9,8 @@ from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.console import Grid
 from trajopt.views import table_cells
-from trajopt.views.analysis.results import Line, Results
+from trajopt.views.analysis.results import Line
+from trajopt.views.results import Results
 
 _CELLS = ("median", "quartiles", "gap", "kept", "evaluations", "solve_time")
 _READINGS = ("timing", "fitness")  # options for what the paper leaves open

@@ -9,7 +9,7 @@ from typing import Annotated
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside, whole_number
 from trajopt.views import report as page
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 
 def report(

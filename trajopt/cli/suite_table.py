@@ -9,7 +9,7 @@ from trajopt.cli import console
 from trajopt.core.exceptions import MissingBackend
 from trajopt.views import report, table_cells
 from trajopt.views.analysis.failures import failures, in_words
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 _MEANING = """\
 Problems: those that the planner supports. Relaxed: motions that break limits

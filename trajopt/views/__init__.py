@@ -2,8 +2,9 @@
 
 - `analysis`: tables;
 - `figures`, `report`, `export`: pictures, a page, files for other tools;
-- `inline`: what a notebook shows.
+- `inline`: what a notebook shows;
+- `results`: the tables with their figures, as users have them.
 
-Every view is a function of a list of trials. `analysis.results.Results` makes the tables that the
+Every view is a function of a list of trials. `analysis.results.Tables` makes the tables that the
 others show.
 """

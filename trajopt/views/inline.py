@@ -11,7 +11,7 @@ import pandas as pd
 from trajopt.views import table_cells
 
 if TYPE_CHECKING:
-    from trajopt.views.analysis.results import Results
+    from trajopt.views.analysis.results import Tables
 
 NOTHING = "Results of no trials"
 MAX_PLANNERS = 4  # named in a line of text
@@ -26,7 +26,7 @@ _COLUMNS = {  # columns of the table, by their names in `Results.planners()`
 }
 
 
-def text(results: Results) -> str:
+def text(results: Tables) -> str:
     """Return three lines: how many of what, the smallest median gaps, and what to call."""
     if not results.items:
         return NOTHING
@@ -35,7 +35,7 @@ def text(results: Results) -> str:
     return "\n".join([_counts(results), f"Median gap: {', '.join(best)}", _USES])
 
 
-def html(results: Results) -> str:
+def html(results: Tables) -> str:
     """Return the counts over a table with a row per planner, the smallest median gap first."""
     if not results.items:
         return NOTHING
@@ -52,7 +52,7 @@ def html(results: Results) -> str:
     return f"<p>{escape(_counts(results))}</p>\n{table.to_html(border=0)}"
 
 
-def _counts(results: Results) -> str:
+def _counts(results: Tables) -> str:
     trials = results.trials()
     problems = trials.drop_duplicates("digest")["problem"]
     said = f"{len(problems)} problems"

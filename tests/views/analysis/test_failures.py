@@ -16,7 +16,7 @@ from trajopt.cli.suite_table import show
 from trajopt.planners.swarm_planner import Unoptimised
 from trajopt.views import report
 from trajopt.views.analysis.failures import failures, in_words
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0, 0.5]]), "limited")
 

@@ -13,7 +13,7 @@ from trajopt import Problem
 from trajopt.benchmark.trial import Configuration, Trial, unanswered
 from trajopt.core.solution import Status
 from trajopt.planners.swarm_planner import Unoptimised
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 
 def refused(problem: Problem) -> Trial:

@@ -11,7 +11,7 @@ from trajopt.benchmark.best_known.records import Origin, made
 from trajopt.benchmark.trial import judge
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.gap_reference import improvements
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
 

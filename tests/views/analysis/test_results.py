@@ -24,7 +24,7 @@ from trajopt.benchmark.trial import judge
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.pairwise import mean_ranks
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
 THIRD = Problem([[0.0], [3.0]], Limits([10.0], [100.0]), "three")

@@ -11,8 +11,8 @@ from trials import solved
 from trajopt import InvalidInput, Limits, Planner, Problem, compare
 from trajopt.benchmark.store import folder as store
 from trajopt.planners.registry import load
-from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.versions import newest
+from trajopt.views.results import Results
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [2.0]), "one")
 OTHER = replace(PROBLEM, waypoints=[[0.0], [2.0]], name="two")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from test_tables import mixed, run
 
-from trajopt.views.analysis.results import Results
 from trajopt.views.export import latex
+from trajopt.views.results import Results
 
 PRINTED = {
     "\\textbackslash{}": "\\",

@@ -16,8 +16,8 @@ from trajopt.core.exceptions import MissingBackend
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
-from trajopt.views.analysis.results import Results
 from trajopt.views.export import tables
+from trajopt.views.results import Results
 
 WAYPOINTS = [[0.0, 0.1], [0.4, 0.0], [1.0, 0.3], [1.5, 1.0]]
 PROBLEM = Problem(WAYPOINTS, Limits([1, 2], [2, 3]), "two joints")

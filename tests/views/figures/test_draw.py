@@ -14,9 +14,9 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.registry import load
-from trajopt.views.analysis.results import Results
 from trajopt.views.figures import draw, plots
 from trajopt.views.report import content, panels
+from trajopt.views.results import Results
 
 
 @pytest.fixture(scope="module")

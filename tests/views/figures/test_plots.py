@@ -14,6 +14,7 @@ from pictures import motion_of, overlaps, texts
 from trajopt.benchmark.suites import catalogue
 from trajopt.planners.registry import load
 from trajopt.views import table_cells
+from trajopt.views.analysis.curves import GAP_FLOOR
 from trajopt.views.figures import explanation, motions, plots, sampling, style
 
 LONG = "issa:fitness=scaled,timing=per-joint"
@@ -238,7 +239,7 @@ def test_gap_distribution_shows_every_run_and_those_that_ran_once():
     figure = plots.gap_distribution(runs)
     left, right = figure.axes
     np.testing.assert_allclose(dots(left), [10, 20, 30])
-    np.testing.assert_allclose(dots(right), [style.GAP_FLOOR, 10, 20])
+    np.testing.assert_allclose(dots(right), [GAP_FLOOR, 10, 20])
     shown = texts(figure)
     assert "near" in shown
     assert "far" not in shown

@@ -15,10 +15,9 @@ from matplotlib.text import Text
 from trajopt import InvalidInput, Limits, Problem, Results, Solution, Status, Trajectory
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.planners.planner import Planner
-from trajopt.views.analysis.curves import anytime, gap_shares, profile
+from trajopt.views.analysis.curves import GAP_FLOOR, anytime, gap_shares, profile
 from trajopt.views.figures import draw, plots, suite
 from trajopt.views.figures.sampling import bounded
-from trajopt.views.figures.style import GAP_FLOOR
 
 COLUMN_IN = 3.5
 SMALLEST_FONT_PT = 7

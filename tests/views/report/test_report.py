@@ -27,10 +27,10 @@ from trajopt.formats.motion import motion
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.views import report, table_cells
-from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.searches import histories
 from trajopt.views.report import content, origin, packing, rivals, suite_curves
 from trajopt.views.report import panels as motions
+from trajopt.views.results import Results
 
 NASTY = "evil:note=</script><b>&"
 

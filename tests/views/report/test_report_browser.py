@@ -33,7 +33,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
 from trajopt.views import report
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 PLANNERS = ("toppra", "unoptimised", "pso:iterations=20")
 STIFF = Problem([[0.0], [1.0]], Limits([1.0], [1.0], [2.0]), "stiff")

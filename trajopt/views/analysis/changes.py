@@ -12,7 +12,7 @@ import pandas as pd
 
 from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.pairwise import between_seeds, medians, paired_tests, pairs_by_problem
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.statistics import holm
 
 SIGNIFICANCE = 0.05
@@ -20,7 +20,7 @@ _NEW = ("new", "old")  # the pair of `pairwise` tables: `new` against `old`
 _COLUMNS = ["problem", "label", "old", "new", "runs", "ratio", "pvalue"]
 
 
-def changes(old: Results, new: Results) -> pd.DataFrame:
+def changes(old: Tables, new: Tables) -> pd.DataFrame:
     """One row per problem and planner that both have, by problem and planner.
 
     Columns:
@@ -52,7 +52,7 @@ def changes(old: Results, new: Results) -> pd.DataFrame:
     return table.sort_values(["problem", "label"], ignore_index=True)
 
 
-def by_planner(old: Results, new: Results) -> pd.DataFrame:
+def by_planner(old: Tables, new: Tables) -> pd.DataFrame:
     """One row per planner that both have: the new medians against the old, over the problems.
 
     The columns are those of `pairwise.paired_tests`; `holm` counts the planners.
@@ -67,7 +67,7 @@ def by_planner(old: Results, new: Results) -> pd.DataFrame:
     return table.assign(holm=holm(table["pvalue"]))
 
 
-def _shared(old: Results, new: Results) -> Iterator[tuple[str, pd.DataFrame]]:
+def _shared(old: Tables, new: Tables) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield each planner that both have, and its runs on the problems that both have.
 
     The runs are labelled `old` and `new`.

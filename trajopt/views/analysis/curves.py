@@ -12,11 +12,11 @@ import pandas as pd
 
 from trajopt.core.arrays import Array
 from trajopt.views.analysis import statistics
-from trajopt.views.figures.style import GAP_FLOOR
 
 Curves = dict[str, tuple[Array, Array]]  # x and y of each planner
 
 POINTS = 160
+GAP_FLOOR = 1e-4  # %: differences below it count as at it, where a log axis ends
 
 
 def everywhere(durations: pd.DataFrame) -> list[str]:

@@ -16,7 +16,7 @@ import pandas as pd
 from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
 from trajopt.views.analysis.overview import competing
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by
 
 COLUMNS = ["label", "kind", "count", "worst", "unit"]
@@ -53,7 +53,7 @@ class Failure(NamedTuple):
         return kind + worst(size, unit)
 
 
-def failures(results: Results) -> pd.DataFrame:
+def failures(results: Tables) -> pd.DataFrame:
     """Count the failures of every planner by kind; the index is the planner with its options.
 
     Failures are counted as in `overview`: not what a planner refused, nor what is relaxed. Each

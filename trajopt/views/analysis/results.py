@@ -1,7 +1,7 @@
 """Trials as tables: one row per trial, gaps to the reference, one line per planner.
 
-    results = Results("results")   # a folder, a results.h5, or trials
-    results = Results.of("a", "b") # several folders
+    results = Tables("results")    # a folder, a results.h5, or trials
+    results = Tables.of("a", "b")  # several folders
     results.gaps()                 # a pandas frame, one row per trial
     results.summary()              # a pandas frame, one row per problem and planner
     results.planners()             # a pandas frame, one row per planner
@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import pandas as pd
@@ -35,9 +35,6 @@ from trajopt.views.analysis.gap_reference import BUG_RTOL, OPTIMA, REFINED_RTOL,
 from trajopt.views.analysis.overview import competing, overview
 from trajopt.views.analysis.versions import Kept, Newest, by_problem, newest
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 Target = Literal["optimum", "best 3-5-3"]
 Line = Any  # a row of `Results.summary()`: its columns are attributes
 
@@ -52,7 +49,7 @@ _OF_A_LINE = ["problem", "digest", "label"]  # shared by the trials of a line
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Results:
+class Tables:
     """The trials of a run, ready for tables and figures: of each planner its last version's.
 
     Args:
@@ -73,7 +70,7 @@ class Results:
         object.__setattr__(self, "kept", kept)
 
     @classmethod
-    def of(cls, *sources: Path | str) -> Results:
+    def of(cls, *sources: Path | str) -> Self:
         """Put the trials of several results folders or files together, each trial once."""
         trials: list[Trial] = []
         for source in sources:
@@ -210,54 +207,12 @@ class Results:
         """One row per planner with its options, by median gap; `overview` lists the columns."""
         return overview(self._gaps)
 
-    def __repr__(self) -> str:
-        from trajopt.views import inline  # which formats results
-
-        return inline.text(self)
-
-    def _repr_html_(self) -> str:
-        from trajopt.views import inline
-
-        return inline.html(self)
-
     def lines(self) -> list[Line]:
         """The rows of `summary()`, their columns as attributes; `kind` may be None."""
         table = self._summary
         kind = table["kind"].astype(object)
         known = kind.where(kind.notna(), None)
         return list(table.assign(kind=known).itertuples(index=False))
-
-    def plot(self, problem: str | None = None, *, kind: str | None = None) -> Figure:
-        """Draw one problem's certified durations, or a figure of all problems.
-
-        Args:
-            problem: its name, for a row per planner, the shortest first; may be left out where
-                there is one problem only.
-            kind: of all problems: `profile`, the share of problems that a planner solves within a
-                factor of the best (where there are several problems, this is drawn by default);
-                `gaps`, the share within a gap to the optimum; `anytime-seconds` or
-                `anytime-evaluations`, the gap to the optimum against what was spent.
-
-        Raises:
-            InvalidInput: There is no problem of this name, or no such figure of these trials.
-        """
-        from trajopt.views.figures import draw, plots  # Matplotlib is imported where it draws
-
-        lines = self.lines()
-        names = list(dict.fromkeys(line.problem for line in lines))
-        if problem is not None and kind is not None:
-            right = f"left out beside kind={kind!r}, which is a figure of all problems"
-            raise InvalidInput("problem", right, value=problem)
-        if problem is None and (kind is not None or len(names) > 1):
-            pictures = dict(draw.of_suite(self))
-            if kind is not None and kind not in pictures:
-                raise InvalidInput("kind", f"one of {', '.join(pictures)}", value=kind)
-            return pictures[kind or "profile"]()
-        wanted = problem or names[0]
-        if wanted not in names:
-            raise InvalidInput("problem", f"one of {', '.join(names)}", value=problem)
-        own = [line for line in lines if line.problem == wanted]
-        return plots.durations(own, title=str(wanted))
 
     def paired(self) -> pd.DataFrame:
         """Every planner against every other, over the problems that both support.

@@ -22,7 +22,7 @@ from trajopt.benchmark.store import atomic
 from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.views import table_cells
 from trajopt.views.analysis import pairwise
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 
 _PLANNERS = {"solved": "solved", "gap": "gap (\\%)", "worst": "worst (\\%)", "rank": "rank"}
 _TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "$p$ (Holm)")
@@ -52,7 +52,7 @@ _ESCAPED = {
 _ESCAPED |= {special: f"\\{special}" for special in "&%$#_{}"}
 
 
-def write(results: Results, folder: Path, against: str = "") -> None:
+def write(results: Tables, folder: Path, against: str = "") -> None:
     """Write the three tables into a folder.
 
     Args:
@@ -73,7 +73,7 @@ def _fill(text: str, place: Path) -> None:
     place.write_text(text, encoding="utf-8", newline="\n")
 
 
-def rival(results: Results) -> str:
+def rival(results: Tables) -> str:
     """Return the planner with the smallest median gap that is no reference, or else the first."""
     references = {trial.label for trial in results.items if trial.planner in (*REFERENCES, PROOF)}
     labels = results.planners().index.tolist()
@@ -81,7 +81,7 @@ def rival(results: Results) -> str:
     return str([*others, *labels][0])
 
 
-def planners(results: Results, against: str) -> str:
+def planners(results: Tables, against: str) -> str:
     """A line per planner: solved, gaps, mean rank; chance of a shorter run than a rival's, and p.
 
     p is of Wilcoxon's test over the problems, or on one problem of Mann and Whitney's over runs,
@@ -107,7 +107,7 @@ def planners(results: Results, against: str) -> str:
     return "\n".join([*said, _tabular(columns, [rows])])
 
 
-def tests(results: Results) -> str:
+def tests(results: Tables) -> str:
     """A line per pair of planners, the one with the smaller median gap first.
 
     Over several problems there are also the numbers of those on which the first is better, tied
@@ -130,7 +130,7 @@ def tests(results: Results) -> str:
     return f"{said}\n{_tabular([first, second, *counts, *others], [rows], texts=2)}"
 
 
-def summary(results: Results) -> str:
+def summary(results: Tables) -> str:
     """The table of `Results.summary()`: of what has no duration, its status or its lower bound."""
     parts = []
     for _, rows in results.summary().groupby("digest", sort=False):
@@ -140,7 +140,7 @@ def summary(results: Results) -> str:
     return _tabular(_SUMMARY, parts)
 
 
-def _pairs(results: Results) -> pd.DataFrame:
+def _pairs(results: Tables) -> pd.DataFrame:
     """Every pair of planners: over the problems, or on one problem over runs."""
     if results.trials()["digest"].nunique() == 1:
         return results.between_seeds()

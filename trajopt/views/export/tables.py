@@ -8,14 +8,14 @@ import pandas as pd
 
 from trajopt.benchmark.store import atomic
 from trajopt.planners.planner import backend
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 
 # A spreadsheet takes a cell that starts with one of these for a formula, and runs it. An apostrophe
 # says that what follows is text.
 _MARKED = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")
 
 
-def table(results: Results) -> pd.DataFrame:
+def table(results: Tables) -> pd.DataFrame:
     """Return `results.gaps()` (s), `started` as an instant, and a column per fact of provenance.
 
     Those are `provenance_commit`, `provenance_machine` and so on, empty where not installed.
@@ -28,7 +28,7 @@ def table(results: Results) -> pd.DataFrame:
     return trials.drop(columns="provenance").join(facts)
 
 
-def write_csv(results: Results, path: Path) -> None:
+def write_csv(results: Tables, path: Path) -> None:
     """UTF-8, RFC 4180, floats with all their digits.
 
     Texts that a spreadsheet would run as a formula get an apostrophe in front, and so do those that
@@ -45,7 +45,7 @@ def write_csv(results: Results, path: Path) -> None:
     atomic.write(path, fill)
 
 
-def write_parquet(results: Results, path: Path) -> None:
+def write_parquet(results: Tables, path: Path) -> None:
     """Types included; needs pyarrow."""
     backend("pyarrow", "parquet")
     trials = table(results)

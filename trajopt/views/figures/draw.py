@@ -29,7 +29,7 @@ from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.views.analysis.curves import anytime, everywhere, gap_shares, profile
 from trajopt.views.analysis.gap_reference import references
 from trajopt.views.analysis.pairwise import medians
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
@@ -68,7 +68,7 @@ def _order(trials: Sequence[Trial]) -> list[str]:
     return sorted({trial.label for trial in trials})
 
 
-def of_suite(results: Results) -> Iterator[Picture]:
+def of_suite(results: Tables) -> Iterator[Picture]:
     """Yield the figures of all problems, a column wide: `profile`, `gaps` and `anytime-…`.
 
     In the first two are planners that were run on every problem; one that they refuse has no
@@ -91,7 +91,7 @@ def of_suite(results: Results) -> Iterator[Picture]:
             yield f"anytime-{cost}", partial(suite.anytime, anytime(ordered), order, cost)
 
 
-def write(results: Results, folder: Path, kind: Literal["svg", "pdf"]) -> None:
+def write(results: Tables, folder: Path, kind: Literal["svg", "pdf"]) -> None:
     """Write the figures of `draw`, and the motion of every planner, as SVG or PDF.
 
     Of several problems also the figures `of_suite`.
@@ -209,7 +209,7 @@ def _pictures(
     from trajopt.views.figures import plots
 
     title = headline(trials[0].problem.name)
-    results = Results(trials)
+    results = Tables(trials)
     yield "durations", partial(plots.durations, results.lines(), title)
     yield from _motions(trials, every_motion=every_motion)
     if curves := _convergence(trials):

@@ -27,6 +27,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from trajopt.core.arrays import Array
 from trajopt.views import table_cells
+from trajopt.views.analysis.curves import GAP_FLOOR
 from trajopt.views.analysis.results import Line
 from trajopt.views.figures.sampling import bounded
 from trajopt.views.figures.style import (
@@ -34,7 +35,6 @@ from trajopt.views.figures.style import (
     BLUE,
     CURVES,
     DASHES,
-    GAP_FLOOR,
     MARKERS,
     STYLE_SHEET,
     VERMILION,

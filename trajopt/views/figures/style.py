@@ -25,7 +25,6 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
 QUANTITIES: tuple[LimitName, ...] = ("position", "velocity", "acceleration", "jerk")
 """By the order of the derivative; `Problem.unit` has their units."""
-GAP_FLOOR = 1e-4  # %: differences below it are drawn at it, where a log axis ends
 ZERO_WIDTH_SPACE = "\u200b"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TITLE_LENGTH = 80  # characters: what fits over the widest figure

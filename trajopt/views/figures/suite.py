@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
-from trajopt.views.analysis.curves import Curves
+from trajopt.views.analysis.curves import GAP_FLOOR, Curves
 from trajopt.views.figures.plots import Picture, band, log_percent, planner_look, styled, wrapped
 from trajopt.views.figures.sampling import bounded
-from trajopt.views.figures.style import GAP_FLOOR, plain, power_of_ten
+from trajopt.views.figures.style import plain, power_of_ten
 
 WIDTH_IN = 3.5
 PANEL_IN = 2.2

@@ -15,7 +15,7 @@ from typing import Any
 
 from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.views.analysis.pairwise import TIE_DIGITS
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import TARGETS
 from trajopt.views.report import content, lines, rivals, suite_curves
 from trajopt.views.report import panels as motions
@@ -33,7 +33,7 @@ _BEGINNING = 1000  # characters, in which a report says whose it is
 
 
 def write(
-    results: Results, path: Path, *, command: str = "", trajectories: int = TRAJECTORIES
+    results: Tables, path: Path, *, command: str = "", trajectories: int = TRAJECTORIES
 ) -> Path:
     """Write the report of the trials to a file; it links to `trials/` where that is beside it.
 
@@ -85,7 +85,7 @@ def write(
     return path
 
 
-def is_of(results: Results, path: Path) -> bool:
+def is_of(results: Tables, path: Path) -> bool:
     """Return whether a file is the report of these trials, by its first lines."""
     try:
         with path.open(encoding="utf-8") as file:
@@ -95,7 +95,7 @@ def is_of(results: Results, path: Path) -> bool:
     return f'content="{_digest(results)}"' in beginning
 
 
-def _digest(results: Results) -> str:
+def _digest(results: Tables) -> str:
     """SHA-256 of the trials' identities and the times at which they were run."""
     runs = sorted(f"{trial.id} {trial.started}" for trial in results.items)
     return hashlib.sha256("\n".join(runs).encode()).hexdigest()

@@ -17,7 +17,7 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
-from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
 from trajopt.views.figures.style import BLACK, CURVES
@@ -53,7 +53,7 @@ TRIAL_COLUMNS = (
 class Page:
     """The content of the template, in its order."""
 
-    results: Results
+    results: Tables
     summary: pd.DataFrame
     gaps: pd.DataFrame
 
@@ -205,7 +205,7 @@ class Page:
         return facts + origin.facts(items)
 
 
-def page(results: Results) -> Page:
+def page(results: Tables) -> Page:
     return Page(results, results.summary(), results.gaps())
 
 
