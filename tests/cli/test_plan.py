@@ -75,7 +75,7 @@ def test_a_urdf_with_joint_limits_beside_it(trajopt, tmp_path):
     (tmp_path / "l.yaml").write_text(LIMITS, encoding="utf-8")
     code, _, err = trajopt("plan w.csv --urdf r.urdf")
     assert code == 2
-    assert "r.urdf: acceleration limit is missing (a URDF has none)" in err
+    assert "r.urdf: acceleration limit is missing (this URDF has none)" in err
     assert "wrist_1_joint, elbow_joint; add --limits" in err
     arguments = "plan w.csv --urdf r.urdf --limits l.yaml --planner"
     code, out, _ = trajopt(arguments, "ruckig-stop --json")

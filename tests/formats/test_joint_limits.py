@@ -146,7 +146,7 @@ def test_what_is_wrong_is_named(tmp_path, text, words):
 
 def test_not_text_and_not_there(tmp_path):
     path = tmp_path / "joint_limits.yaml"
-    path.write_bytes(b"\xff\xfe\x00joint")
+    path.write_bytes(b"\xff\x00\xfejoint")
     with pytest.raises(InvalidInput, match="a readable YAML file"):
         joint_limits.read(path)
     with pytest.raises(InvalidInput, match="No such file"):

@@ -122,7 +122,7 @@ def test_degrees_in_dense_samples_are_warned_of(tmp_path):
         ("a.csv", "time [s],one [rad]\n0,0\n1,1\n", ["without times", "trajopt judge"]),
         ("a.csv", "one [turn],two [turn]\n0,0\n1,1\n", ["unit, joint 1 is 'turn'"]),
         ("a.csv", "0;0\n1,5,0;2\n", ["line 2, column 1 is '1.5.0'"]),
-        ("a.csv", b"\xff\xfeo\x00", ["a readable .csv file"]),
+        ("a.csv", b"\xff\x00o\x00", ["a readable .csv file", "save it as UTF-8"]),
         ("a.json", "{", ["a readable JSON file"]),
         ("a.json", "[[0, 0], [1, null]]", ["waypoint 2, joint 2"]),
         ("a.json", '{"points": []}', ["points is []: expected the key waypoints"]),
@@ -188,7 +188,7 @@ def test_a_urdf_has_names_positions_and_velocities(tmp_path, capsys):
     expected = {"velocity": (-4, 4), "position": (-np.inf, np.inf)}
     assert robot.joints["turning"] == expected
     assert robot.joints["sliding"] == {"position": (0, 0.2)}
-    with pytest.raises(InvalidInput, match=r"a URDF has none.*max_acceleration"):
+    with pytest.raises(InvalidInput, match=r"this URDF has none.*max_acceleration"):
         robot.limits(["one"])
     assert capsys.readouterr().err == ""
 

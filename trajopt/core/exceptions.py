@@ -33,12 +33,18 @@ def shortened(text: str, length: int) -> str:
     return f"{text[: length - 1]}…"
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name that resembles a name, in upper or lower case; empty where none does."""
+def nearest(name: str, known: Iterable[str], similarity: float = 0.6) -> str:
+    """The known name that resembles a name, in upper or lower case; empty where none does.
+
+    Args:
+        name: The name.
+        known: The known names.
+        similarity: The share of letters, at least, that both have in common.
+    """
     from difflib import get_close_matches  # late: most names are right
 
     named = {own.lower(): own for own in known}
-    close = get_close_matches(name.lower(), named, n=1)
+    close = get_close_matches(name.lower(), named, n=1, cutoff=similarity)
     return named[close[0]] if close else ""
 
 

@@ -7,6 +7,7 @@ minutes to read), and tables nested `MAX_DEPTH` deep.
 
 from __future__ import annotations
 
+import codecs
 import json as standard_json
 import re
 import tomllib
@@ -24,6 +25,8 @@ MAX_WORD = 400  # characters; a float written in full has 327
 MAX_DEPTH = 40
 TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"
 
+_SIMILAR = 0.6  # share of letters that two names have in common, at least
+_MISSPELT = 0.8  # the same where a key may also be another program's
 _MARKS = ",;\t\n[{<"  # one of these precedes every value but the first
 _LONG_WORD = re.compile(rf"(?<![\w.+-])[\w.+-]{{{MAX_WORD + 1}}}")
 _PART = r"""\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
@@ -33,7 +36,7 @@ _DEEP_KEY = re.compile(rf"(?:{_PART}){{{MAX_DEPTH}}}")  # quadratic in memory, f
 def text(
     path: Path, what: str, kind: str, *, max_bytes: int = MAX_BYTES, marks: str = _MARKS
 ) -> str:
-    """The text of a file in UTF-8, within the bounds of this module.
+    """The text of a file in UTF-8, or in UTF-16 with a mark, within the bounds of this module.
 
     Args:
         path: The file.
@@ -43,14 +46,24 @@ def text(
         marks: Characters that are counted against `MAX_VALUES`.
 
     Raises:
-        InvalidInput: It cannot be read, is not UTF-8, or exceeds a bound; names the file.
+        InvalidInput: It cannot be read, is in another encoding, or exceeds a bound; names the file.
     """
     try:
-        found = content(path, max_bytes).decode("utf-8-sig")
+        found = _decoded(content(path, max_bytes))
         check_bounds(found, marks)
     except (OSError, ValueError) as error:
         raise unreadable(path, what, kind, error) from None
     return found
+
+
+def _decoded(found: bytes) -> str:
+    """Return the text of bytes in UTF-8 or UTF-16; raises `ValueError` for other encodings."""
+    utf_16 = found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        return found.decode("utf-16" if utf_16 else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        reason = f"byte {error.start + 1} is not text in UTF-8; save it as UTF-8, in Excel as"
+        raise ValueError(f"{reason} 'CSV UTF-8'") from None
 
 
 def content(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
@@ -168,7 +181,8 @@ def check_keys(
         table: A table of the file.
         known: The keys that the file may have.
         required: The keys that the file must have.
-        others: True to ignore keys that resemble no known one.
+        others: True to ignore keys of other programs: those that resemble no known key, or one
+            that is there too.
 
     Raises:
         InvalidInput: Names the key and the nearest known one.
@@ -177,7 +191,9 @@ def check_keys(
     for key, value in table.items():
         if key in names:
             continue
-        close = nearest(str(key), names)
+        close = nearest(str(key), names, _MISSPELT if others else _SIMILAR)
+        if others and close in table:
+            continue
         if close or not others:
             right = f"the key {close}" if close else f"one of the keys {', '.join(names)}"
             elsewhere = "" if others else out_of_scope(str(key))

@@ -14,12 +14,14 @@ Keys of nodes and launch files around this table (`/**:`, `move_group:`, `ros__p
 `robot_description_planning:`) are removed. The scaling factors are defaults of
 a request, not limits of the robot: planning applies them, judging does not (`RobotLimits.scaled`).
 
-Also read are `min_position` and `max_position` with `has_position_limits`, and `max_deceleration`.
-A deceleration limit below the acceleration limit bounds accelerations of both signs, because limits
-here depend on the direction, not on whether a joint brakes. Limits that are not in the file keep
-their values (`RobotLimits.updated`), so a file of the two scaling factors alone goes with a robot.
-Limits that are not in this tool (efforts, of the tool) are left out, which a `FileNote` says; keys
-of other uses (soft limits) are ignored, unknown keys are refused.
+Also read are `min_position` and `max_position` with `has_position_limits`; `min_velocity`,
+`min_acceleration` and `min_jerk`, negative, the lower side of a pair beside the `max_…`; and
+`max_deceleration`. The smaller of deceleration and acceleration limit bounds accelerations of both
+signs, because limits here depend on the direction, not on whether a joint brakes; a `FileNote` says
+so where they differ. Limits that are not in the file keep their values (`RobotLimits.updated`), so
+a file of the two scaling factors alone goes with a robot. Efforts, soft limits, limits of the tool
+and rates under unknown sections are left out, which a `FileNote` says. Unknown keys of a joint are
+refused.
 """
 
 from __future__ import annotations
@@ -36,7 +38,14 @@ from trajopt.core.exceptions import FileNote, InvalidInput
 from trajopt.core.limits import LimitName
 from trajopt.core.out_of_scope import out_of_scope
 from trajopt.formats import yaml_file
-from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
+from trajopt.formats.robot_limits import (
+    Bounds,
+    JointBounds,
+    RobotLimits,
+    bounds_rate,
+    note_braking,
+    note_unread,
+)
 
 _WHAT = "joint limits"
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
@@ -47,12 +56,15 @@ _KEYS = (
     "min_position",
     "max_position",
     "has_velocity_limits",
+    "min_velocity",
     "max_velocity",
     "has_acceleration_limits",
+    "min_acceleration",
     "max_acceleration",
     "has_deceleration_limits",
     "max_deceleration",
     "has_jerk_limits",
+    "min_jerk",
     "max_jerk",
     # Keys of other uses: efforts, ros2_control's soft limits.
     "angle_wraparound",
@@ -61,13 +73,20 @@ _KEYS = (
     "k_position",
     "k_velocity",
     "max_effort",
-    "min_acceleration",
     "min_effort",
-    "min_jerk",
-    "min_velocity",
     "soft_lower_limit",
     "soft_upper_limit",
 )
+_OTHER_NAMES = {  # a URDF's
+    "lower": "min_position",
+    "upper": "max_position",
+    "velocity": "max_velocity",
+    "acceleration": "max_acceleration",
+    "deceleration": "max_deceleration",
+    "jerk": "max_jerk",
+    "effort": "max_effort",
+}
+_SOFT = ("k_position", "soft_lower_limit", "soft_upper_limit")
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
 
@@ -89,7 +108,35 @@ def read(path: str | Path) -> RobotLimits:
     for sentence, key in sentences.items():
         if sentence:
             warnings.warn(FileNote(f"{path}: {key} is left out: {sentence}"), stacklevel=2)
+    note_unread(str(path), _unread(table, inner))
+    note_braking(str(path), _braking_otherwise(inner))
     return limits
+
+
+def _unread(table: Any, inner: Mapping[str, Any]) -> Iterator[str]:
+    """Keys that bound a rate outside of the joints' table, and soft limits within."""
+    joints = inner.get("joint_limits") or {}
+    for name, entry in joints.items():
+        if entry.get("has_soft_limits", True):
+            yield from (f"{key} of {name}" for key in _SOFT if key in entry)
+    levels = [("", table)]
+    while levels:
+        where, own = levels.pop(0)
+        for key, value in own.items() if isinstance(own, Mapping) else ():
+            if value is joints or out_of_scope(key):  # a line of its own
+                continue
+            if isinstance(value, Mapping):
+                levels.append((f"{where}{key}.", value))
+            elif bounds_rate(key) and key not in _SCALINGS and not isinstance(value, bool):
+                yield f"{where}{key}"
+
+
+def _braking_otherwise(table: Mapping[str, Any]) -> Iterator[str]:
+    """The joints whose deceleration limit differs from their acceleration limit."""
+    for name, entry in (table.get("joint_limits") or {}).items():
+        braking = _rate("", entry, "deceleration")
+        if braking is not None and braking not in (np.inf, _rate("", entry, "acceleration")):
+            yield name
 
 
 def _limit_keys(table: Mapping[str, Any]) -> Iterator[str]:
@@ -131,6 +178,8 @@ def _limits(table: Any, source: str) -> RobotLimits:
     joints = {}
     for name, entry in said.items():
         key = f"joint_limits.{name}"
+        if name in _SCALINGS:
+            raise InvalidInput(key, "this key one level up, beside joint_limits:", value=entry)
         if not isinstance(entry, Mapping):
             raise InvalidInput(key, "a mapping with max_velocity: and others", value=entry)
         joints[str(name)] = _bounds(key, entry)
@@ -156,16 +205,23 @@ def _scaling(table: Mapping[str, Any], key: str) -> float:
 
 def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
     """One joint's limits, by kind."""
+    for name in entry:
+        if name in _OTHER_NAMES:
+            right = f"the key {_OTHER_NAMES[name]}"
+            raise InvalidInput(f"{key}.{name}", right, value=entry[name])
     files.check_keys(f"{key}.", entry, _KEYS)
-    sizes = {kind: _rate(key, entry, kind) for kind in _RATES}
-    braking = _rate(key, entry, "deceleration")
-    if braking is not None and np.isfinite(braking):
-        own = sizes["acceleration"]
-        sizes["acceleration"] = braking if own is None else min(own, braking)
     bounds: dict[LimitName, Bounds] = {}
-    for kind, size in sizes.items():
-        if size is not None:
-            bounds[kind] = (-size, size)
+    for kind in _RATES:
+        high = _rate(key, entry, kind)
+        low = _lower(key, entry, kind, high)
+        if high is not None:
+            bounds[kind] = (low, high)
+    braking = _rate(key, entry, "deceleration")
+    if braking is not None:
+        if "acceleration" not in bounds:
+            raise InvalidInput(f"{key}.max_deceleration", "max_acceleration beside it")
+        low, high = bounds["acceleration"]
+        bounds["acceleration"] = (max(low, -braking), min(high, braking))
     position = _position(key, entry)
     if position is not None:
         bounds["position"] = position
@@ -194,8 +250,22 @@ def _rate(key: str, entry: Mapping[str, Any], kind: str) -> float | None:
         size = abs(size)  # some files write it as a negative acceleration
     if size is None or size <= 0:
         right = f"a positive number, or has_{kind}_limits: false"
+        if "$(" in str(entry[name]) or "${" in str(entry[name]):
+            right = "a number; this is a template, which a launch file or xacro fills in"
         raise InvalidInput(f"{key}.{name}", right, value=entry[name])
     return size
+
+
+def _lower(key: str, entry: Mapping[str, Any], kind: str, high: float | None) -> float:
+    """The lower side of a limit: that of its own key, else minus the upper side."""
+    name = f"min_{kind}"
+    if name not in entry or high == np.inf:
+        return -(high or 0.0)
+    low = yaml_file.number(entry[name])
+    if low is None or low >= 0 or high is None:
+        right = f"a negative number, beside max_{kind}"
+        raise InvalidInput(f"{key}.{name}", right, value=entry[name])
+    return low
 
 
 def _position(key: str, entry: Mapping[str, Any]) -> Bounds | None:

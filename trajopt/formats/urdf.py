@@ -1,6 +1,10 @@
 """URDF: names of the joints that move, position and velocity limits, in the order of the file.
 
-A URDF has no acceleration limits; `joint_limits.yaml` adds them (`trajopt.formats.joint_limits`).
+Limits of acceleration, deceleration and jerk are read where `<limit>` has them (URDF 1.2); mostly a
+`joint_limits.yaml` adds them (`trajopt.formats.joint_limits`). A deceleration limit that differs
+from the acceleration limit: the smaller one bounds accelerations of both signs, which a `FileNote`
+says. Other numbers that bound a rate, of other programs, are named in a `FileNote`.
+
 Only joints are read; meshes, transmissions and other elements may be faulty. So may joints that no
 waypoint names: the error of a joint is raised when its limits are needed.
 
@@ -14,6 +18,8 @@ It belongs to the range of the joint's `<limit>`; soft limits do not move it
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -23,26 +29,37 @@ import numpy as np
 from trajopt.core import files, numerals
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import FallingVelocity, LimitName
-from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
+from trajopt.formats.robot_limits import (
+    Bounds,
+    JointBounds,
+    RobotLimits,
+    bounds_rate,
+    note_braking,
+    note_unread,
+)
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
+_RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 _MAX_TAGS = 400_000  # some 200 MB once parsed; a large robot has 10,000
 _UNLIMITED = (-np.inf, np.inf)
 _ATTRIBUTES = {
-    "limit": ("lower", "upper", "velocity", "effort"),
+    "limit": ("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk"),
     "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
     "position_based_velocity_limits": ("velocity_offset", "deceleration_limit"),
     "mimic": ("joint", "multiplier", "offset"),
 }
 _OTHER_ELEMENTS = ("axis", "calibration", "child", "dynamics", "origin", "parent")
+_HARMLESS_XACRO = ("arg", "property")  # they define what may be used in ${} and $()
+_TEMPLATE = re.compile(r"\$[({]")
 _INFINITIES = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 
 
 def read(path: str | Path) -> RobotLimits:
     """Read the limits of a robot description, rad and s (m for a prismatic joint).
 
-    Joints that are fixed, or mimic another, are left out. A velocity limit of 0 is ignored:
-    generators write it where the limit is unknown.
+    Joints that are fixed, or mimic another, are left out. A limit of 0 of a velocity, an
+    acceleration or a jerk is ignored: generators write it where the limit is unknown. Properties
+    and arguments of xacro are ignored; a joint that uses one is refused.
 
     Raises:
         InvalidInput: Names the file and what would be right. The error of a faulty joint is raised
@@ -74,7 +91,13 @@ def _parsed(file: Path) -> Element:
         if "unbound prefix" in str(error) and b"<xacro:" in content:
             raise xacro from None
         raise InvalidInput("robot", "a URDF", value=str(error)) from None
-    if any("xacro}" in element.tag for element in root.iter()):
+    namespace = root.tag.partition("}")[0] + "}"
+    for element in root.iter():
+        prefix, _, tag = element.tag.rpartition("}")
+        if "xacro" in prefix and tag not in _HARMLESS_XACRO:
+            raise xacro
+        element.tag = element.tag.removeprefix(namespace)
+    if any(_TEMPLATE.search(joint.get("name", "")) for joint in root.findall("joint")):
         raise xacro
     if root.tag != "robot":
         raise InvalidInput("robot", "a URDF, whose first tag is robot", value=root.tag)
@@ -86,6 +109,8 @@ def _robot(root: Element, source: str) -> RobotLimits:
     unsound: dict[str, InvalidInput] = {}
     units: dict[str, str] = {}
     falling: dict[str, FallingVelocity] = {}
+    unread: list[str] = []
+    braking: list[str] = []
     for joint in root.findall("joint"):
         unit = _UNITS.get(joint.get("type", ""))
         if unit is None or joint.find("mimic") is not None:
@@ -97,7 +122,10 @@ def _robot(root: Element, source: str) -> RobotLimits:
             joints[name] = {}
             units[name] = unit
             _check_elements(joint)
+            unread += (f"{key} of {name}" for key in _unread(joint))
             joints[name] = _bounds(joint)
+            if _brakes_otherwise(joint):
+                braking.append(name)
             own = _falling_velocity(joint)
             if own is not None:
                 falling[name] = own
@@ -106,6 +134,9 @@ def _robot(root: Element, source: str) -> RobotLimits:
             unsound[name] = InvalidInput(key, error.expected, value=error.value, file=source)
     if not joints:
         raise InvalidInput("robot", "at least one joint that moves")
+    unread += _of_interfaces(root, joints)
+    note_unread(source, unread)
+    note_braking(source, braking)
     return RobotLimits(
         joints, source=source, units=units, falling_velocity=falling, unsound=unsound
     )
@@ -125,6 +156,51 @@ def _check_elements(joint: Element) -> None:
             files.check_keys("", {tag: None}, _ATTRIBUTES, others=True)
 
 
+def _unread(joint: Element) -> Iterator[str]:
+    """The attributes of a joint's elements that bound a rate and are not read."""
+    for element in joint:
+        known = _ATTRIBUTES.get(element.tag, ())
+        if element.tag != "axis":
+            for key, value in element.attrib.items():
+                bounds = bounds_rate(key) or (bounds_rate(element.tag) and not known)
+                if key not in known and bounds and _is_positive(value):
+                    yield f"{element.tag} {key}"
+    # It bounds the velocity by the distance from a soft limit.
+    safety = joint.find("safety_controller")
+    if safety is not None and _is_positive(safety.get("k_position", "0")):
+        yield "safety_controller k_position"
+
+
+def _of_interfaces(root: Element, joints: Mapping[str, JointBounds]) -> Iterator[str]:
+    """The rates' ranges of ros2_control's interfaces that are narrower than what is read."""
+    for joint in root.iterfind("ros2_control/joint"):
+        name = joint.get("name", "")
+        for interface in joint.iterfind("command_interface"):
+            kind = interface.get("name", "")
+            low, high = joints.get(name, {}).get(kind, _UNLIMITED)  # type: ignore[call-overload]
+            for param in interface.iterfind("param"):
+                value = numerals.parsed((param.text or "").strip())
+                if not bounds_rate(kind) or value is None:
+                    continue
+                side = param.get("name", "")
+                if (side == "min" and value > low) or (side == "max" and value < high):
+                    yield f"ros2_control {kind} {side} of {name}"
+
+
+def _is_positive(text: str) -> bool:
+    value = numerals.parsed(text.strip())
+    return value is None or value > 0
+
+
+def _brakes_otherwise(joint: Element) -> bool:
+    """Return whether a deceleration limit differs from the acceleration limit."""
+    limit = joint.find("limit")
+    if limit is None:
+        return False
+    braking = abs(_number(limit, "deceleration"))
+    return braking not in (0, _number(limit, "acceleration"))
+
+
 def _bounds(joint: Element) -> JointBounds:
     bounds: dict[LimitName, Bounds] = {}
     continuous = joint.get("type") == "continuous"
@@ -133,11 +209,15 @@ def _bounds(joint: Element) -> JointBounds:
     limit = joint.find("limit")
     if limit is None:
         return bounds
-    velocity = _number(limit, "velocity")
-    if velocity < 0:
-        raise InvalidInput("limit velocity", "0 (no limit) or a positive number", value=velocity)
-    if 0 < velocity < np.inf:
-        bounds["velocity"] = (-velocity, velocity)
+    for kind in _RATES:
+        size = _number(limit, kind)
+        if size < 0:
+            raise InvalidInput(f"limit {kind}", "0 (no limit) or a positive number", value=size)
+        if kind == "acceleration":
+            braking = abs(_number(limit, "deceleration"))  # some write it as an acceleration
+            size = min(size or np.inf, braking or np.inf)
+        if 0 < size < np.inf:
+            bounds[kind] = (-size, size)
     if not continuous:
         bounds["position"] = _range(joint, limit)
     return bounds
@@ -184,4 +264,7 @@ def _number(element: Element, name: str) -> float:
         return _INFINITIES.get(text) or numerals.decimal(text)
     except ValueError:
         key = f"{element.tag} {name}"
-        raise InvalidInput(key, "a number", value=text) from None
+        right = "a number"
+        if _TEMPLATE.search(text):
+            right += "; xacro or a launch file puts it in the template's place"
+        raise InvalidInput(key, right, value=text) from None

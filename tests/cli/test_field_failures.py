@@ -1,0 +1,154 @@
+"""Files and questions of others that once got a wrong answer, each with its right value."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trajopt import cli
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run a command in an empty folder; return its exit code, output and errors, unfolded."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(line, **files):
+        for name, text in files.items():
+            content = text if isinstance(text, bytes) else text.encode()
+            Path(name.replace("__", ".")).write_bytes(content)
+        with pytest.raises(SystemExit) as ended:
+            cli.main(line.split())
+        out, err = capsys.readouterr()
+        return ended.value.code, out, " ".join(err.split())
+
+    return command
+
+
+def robot(joints, attributes=""):
+    return f'<robot name="r"{attributes}><link name="a"/><link name="b"/>{joints}</robot>'
+
+
+def joint(name, limit, more=""):
+    inner = f'<parent link="a"/><child link="b"/><limit {limit}/>{more}'
+    return f'<joint name="{name}" type="revolute">{inner}</joint>'
+
+
+PLAIN = 'lower="-3.14" upper="3.14" velocity="2" effort="10"'
+
+
+def quintic(t):
+    s = t / t[-1]
+    return 10 * s**3 - 15 * s**4 + 6 * s**5, (30 * s**2 - 60 * s**3 + 30 * s**4) / t[-1]
+
+
+# --- FT4-01, FT4-02: every limit is read ---
+
+
+def test_lower_sides_of_a_joint_limits_yaml(run):
+    own = "{min_velocity: -2, max_velocity: 3, min_acceleration: -1, max_acceleration: 4}"
+    text = f"joint_limits: {{q1: {own}, q2: {own}}}"
+    line = "plan l.csv --limits l.yaml --unit rad --json"
+    code, out, _ = run(line, l__yaml=text, l__csv="q1,q2\n0,0\n1,-0.5\n")
+    v = np.sqrt(2 / (1 / 4 + 1 / 1))  # h = v² (1/4 + 1) / 2 and T = v (1/4 + 1)
+    assert code == 0
+    assert json.loads(out)["certified_duration"] == pytest.approx(v * 1.25, rel=1e-8)
+
+
+def test_a_motion_beyond_the_lower_sides(run):
+    own = "{min_velocity: -0.3, max_velocity: 3, min_acceleration: -1, max_acceleration: 4}"
+    times = np.linspace(0, 2, 21)
+    q, v = quintic(times)
+    rows = np.column_stack([times, q, -q / 2, v, -v / 2])
+    header = "time [s],q1 [rad],q2 [rad],q1 [rad/s],q2 [rad/s]\n"
+    text = header + "\n".join(",".join(map(repr, row)) for row in rows.tolist())
+    limits = f"joint_limits: {{q1: {own}, q2: {own}}}"
+    code, out, _ = run("verify m.csv --limits l.yaml --json", m__csv=text, l__yaml=limits)
+    found = json.loads(out)["certificate"]
+    assert code == 1
+    # peaks of the quintic: 1.875 h / T and 10 / sqrt(3) h / T², which cubic pieces blur
+    assert found["velocity"] == {"ratio": pytest.approx(0.46875 / 0.3), "joint": 2, "time": 1.0}
+    assert found["acceleration"]["ratio"] == pytest.approx(10 / 4 / np.sqrt(3), rel=5e-2)
+    assert found["acceleration"]["joint"] == 1
+
+
+VERSION_1_2 = robot(
+    joint("j1", PLAIN + ' acceleration="1.0" deceleration="1.0" jerk="20"')
+    + joint("j2", PLAIN + ' acceleration="1.0" jerk="20"'),
+    ' version="1.2"',
+)
+
+
+@pytest.mark.parametrize("more", ["", " --acceleration 4"])
+def test_limits_of_a_urdf_of_version_1_2(run, more):
+    line = f"plan j.csv --urdf u.urdf --unit rad --json{more}"
+    code, out, err = run(line, u__urdf=VERSION_1_2, j__csv="j1,j2\n0,0\n1,-0.5\n")
+    v = (np.sqrt(0.05**2 + 4) - 0.05) / 2  # v (v / a + a / j) = h, T = 2 (v / a + a / j)
+    assert code == 0
+    assert json.loads(out)["certified_duration"] == pytest.approx(2 * (v + 0.05), rel=1e-7)
+    assert ("has no effect" in err) == bool(more)
+
+
+def test_a_motion_beyond_the_limits_of_such_a_urdf(run):
+    text = "time [s],j1 [rad],j2 [rad],j1_velocity [rad/s],j2_velocity [rad/s]\n"
+    text += "0,0,0,0,0\n0.5,0.5,-0.25,1.5,-0.75\n1,1,-0.5,0,0\n"
+    code, out, _ = run("verify j.csv --urdf u.urdf --json", u__urdf=VERSION_1_2, j__csv=text)
+    assert code == 1
+    assert json.loads(out)["certificate"]["acceleration"]["ratio"] == pytest.approx(6.0)
+
+
+# --- FT4-03 to FT4-06: what other programs put into a URDF ---
+
+
+@pytest.mark.parametrize(
+    ("text", "velocity"),
+    [
+        (robot(joint("j1", PLAIN, '<controller_gains Kd="0" Ki="0" Kp="0"/>')), 2),
+        (
+            robot(
+                joint(
+                    "j1",
+                    'command_effort="40" current="10" effort="80" gear_velocity="10" '
+                    'lower="-9.42" upper="9.42" velocity="15"',
+                )
+            ),
+            15,
+        ),
+        (
+            robot(
+                '<xacro:property name="width" value=".2"/>' + joint("j1", PLAIN),
+                ' xmlns:xacro="http://www.ros.org/wiki/xacro"',
+            ),
+            2,
+        ),
+        (robot(joint("j1", PLAIN), ' xmlns="http://www.ros.org"'), 2),
+    ],
+    ids=["FT4-03", "FT4-04", "FT4-05", "FT4-06"],
+)
+def test_a_urdf_with_more_in_it(run, text, velocity):
+    line = "plan j.csv --urdf u.urdf --acceleration 4 --unit rad --json"
+    code, out, err = run(line, u__urdf=text, j__csv="j1\n0\n1\n")
+    assert code == 0, err
+    assert json.loads(out)["certified_duration"] == pytest.approx(1.0)
+    assert ("gear_velocity" in err) == (velocity == 15)  # a rate that is not read is named
+
+
+@pytest.mark.parametrize(
+    "inner",
+    [
+        '<xacro:arm prefix="x"/>',
+        '<xacro:include filename="x"/>',
+        '<xacro:if value="1"/>',
+        joint("${prefix}j1", PLAIN),
+        joint("j1", 'velocity="${v}" lower="-1" upper="1"'),
+    ],
+)
+def test_what_xacro_must_expand_is_refused(run, inner):
+    text = robot(inner + joint("j2", PLAIN), ' xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    line = "plan j.csv --urdf u.urdf --acceleration 4 --unit rad"
+    code, _, err = run(line, u__urdf=text, j__csv="j1,j2\n0,0\n1,1\n")
+    assert code == 2
+    assert "xacro" in err

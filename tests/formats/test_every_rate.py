@@ -1,0 +1,196 @@
+"""A number that bounds a rate is read, refused or named in a line: every key of every format."""
+
+from __future__ import annotations
+
+import warnings
+
+import pytest
+
+from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.formats import joint_limits, urdf
+
+# Keys that bound no velocity, acceleration or jerk: flags, positions, efforts and their gains.
+NO_RATE = {
+    "angle_wraparound",
+    "has_effort_limits",
+    "has_position_limits",
+    "has_soft_limits",
+    "k_velocity",
+    "max_effort",
+    "max_position",
+    "min_effort",
+    "min_position",
+    "lower",
+    "upper",
+    "effort",
+    "soft_lower_limit",
+    "soft_upper_limit",
+    "joint",
+    "multiplier",
+    "offset",
+}
+ENTRY = {"max_velocity": 2, "max_acceleration": 4, "max_jerk": 50}
+LIMIT = 'lower="-3" upper="3" velocity="2" effort="1" '
+
+
+def outcome(read, path):
+    """What comes of a file: its limits, the error, or what the lines say."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            own = read(path)
+            if own.unsound:
+                return str(own.unsound["j"])
+            return own.joints["j"], own.falling_velocity, " ".join(str(w.message) for w in caught)
+        except InvalidInput as error:
+            return str(error)
+
+
+def heeded(read, path, without, key):
+    found = outcome(read, path)
+    if found[:2] == without[:2] and not isinstance(found, str):
+        return key in found[2]
+    return True
+
+
+@pytest.mark.parametrize("key", sorted({*joint_limits._KEYS, *joint_limits._OTHER_NAMES} - NO_RATE))
+def test_every_key_of_a_joint_limits_yaml(tmp_path, key):
+    path = tmp_path / "l.yaml"
+
+    def written(entry):
+        own = ", ".join(f"{name}: {value}" for name, value in entry.items())
+        path.write_text(f"joint_limits: {{j: {{{own}}}}}")
+
+    written(ENTRY)
+    without = outcome(joint_limits.read, path)
+    written(ENTRY | {key: "false" if key.startswith("has_") else -0.5 if "min" in key else 0.5})
+    if key == "has_deceleration_limits":  # without max_deceleration it lifts nothing
+        assert outcome(joint_limits.read, path) == without
+        return
+    assert heeded(joint_limits.read, path, without, key)
+
+
+RATES = [
+    ("limit", "velocity"),
+    ("limit", "acceleration"),
+    ("limit", "deceleration"),
+    ("limit", "jerk"),
+    ("limit", "max_velocity"),
+    ("limit", "gear_velocity"),
+    ("limit", "accel"),
+    ("dynamics", "max_speed"),
+    ("velocity_limits", "max"),
+    ("safety_controller", "k_position"),
+    ("position_based_velocity_limits", "velocity_offset"),
+    ("position_based_velocity_limits", "deceleration_limit"),
+]
+
+
+def test_the_walk_has_every_attribute_that_is_known():
+    known = {(tag, name) for tag, names in urdf._ATTRIBUTES.items() for name in names}
+    assert {(tag, name) for tag, name in known if name not in NO_RATE} <= set(RATES)
+
+
+@pytest.mark.parametrize(("tag", "key"), RATES)
+def test_every_attribute_of_a_urdf(tmp_path, tag, key):
+    path = tmp_path / "r.urdf"
+
+    def written(own, other=""):
+        path.write_text(
+            '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute">'
+            f'<parent link="a"/><child link="b"/><limit {own}/>{other}</joint></robot>'
+        )
+
+    written(LIMIT)
+    without = outcome(urdf.read, path)
+    said = f'{key}="0.5"'
+    if tag != "limit":
+        written(LIMIT, f"<{tag} {said}/>")
+    elif key == "velocity":
+        written(LIMIT.replace('velocity="2"', said))
+    else:
+        written(LIMIT + said)
+    assert heeded(urdf.read, path, without, key)
+
+
+INTERFACES = """<ros2_control name="c" type="system"><joint name="j">
+<command_interface name="velocity"><param name="min">-0.5</param><param name="max">9</param>
+</command_interface></joint></ros2_control>"""
+
+
+def test_a_narrower_range_of_an_interface_is_named(tmp_path):
+    path = tmp_path / "r.urdf"
+    joint = f'<joint name="j" type="revolute"><limit {LIMIT}/></joint>'
+    path.write_text(f'<robot name="r">{joint}{INTERFACES}</robot>')
+    with pytest.warns(FileNote, match="read from it: ros2_control velocity min of j$"):
+        urdf.read(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("servo: {j: {max_velocity: 0.1}}", "servo.j.max_velocity"),
+        ("rates: {max_accel: 1}", "rates.max_accel"),
+        ("top_speed: 0.1", "top_speed"),
+    ],
+)
+def test_a_rate_under_an_unknown_section_is_named(tmp_path, text, named):
+    path = tmp_path / "l.yaml"
+    path.write_text(f"joint_limits: {{j: {{max_velocity: 2}}}}\n{text}\n")
+    with pytest.warns(FileNote, match=f"no limit is read from it: {named}$"):
+        joint_limits.read(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ("max_velocity: 2, min_velocity: 0.5", "min_velocity is 0.5: expected a negative number"),
+        ("min_velocity: -1", "min_velocity is -1: expected a negative number, beside max_velocity"),
+        ("max_velocity: $(arg fast)", "this is a template, which a launch file or xacro fills in"),
+        ("max_velocity: 2, max_deceleration: 1", "expected max_acceleration beside it"),
+        ("max_velocity: 2, lower: 0", "j.lower is 0: expected the key min_position"),
+        ("velocity: 2", "j.velocity is 2: expected the key max_velocity"),
+    ],
+)
+def test_a_limit_that_is_half_said(tmp_path, entry, words):
+    path = tmp_path / "l.yaml"
+    path.write_text(f"joint_limits: {{j: {{{entry}}}}}")
+    with pytest.raises(InvalidInput) as caught:
+        joint_limits.read(path)
+    assert words in str(caught.value)
+
+
+def test_pairs_and_braking(tmp_path):
+    path = tmp_path / "l.yaml"
+    own = "max_velocity: 3, min_velocity: -2, max_acceleration: 4, min_acceleration: -1, "
+    path.write_text(
+        f"joint_limits: {{j: {{{own} max_jerk: 9, min_jerk: -7, max_deceleration: 2}}}}"
+    )
+    with pytest.warns(FileNote, match="the smaller one holds for both: j$"):
+        limits = joint_limits.read(path).limits(["j"])
+    assert limits.velocity.tolist() == [[-2, 3]]
+    assert limits.acceleration.tolist() == [[-1, 2]]
+    assert limits.jerk.tolist() == [[-7, 9]]
+
+
+def slider(path, own):
+    joint = f'<joint name="j" type="prismatic"><limit {LIMIT}{own}/></joint>'
+    path.write_text(f'<robot name="r">{joint}</robot>')
+    return urdf.read(path)
+
+
+def test_a_urdf_of_version_1_2(tmp_path):
+    path = tmp_path / "r.urdf"
+    limits = slider(path, 'acceleration="1" jerk="20"').limits(["j"])
+    assert limits.acceleration.tolist() == [[-1, 1]]
+    assert limits.jerk.tolist() == [[-20, 20]]
+    with pytest.warns(FileNote, match="the smaller one holds for both: j$"):
+        own = slider(path, 'acceleration="3" deceleration="2"')
+    assert own.limits(["j"]).acceleration.tolist() == [[-2, 2]]
+    assert "acceleration" not in slider(path, 'acceleration="0" jerk="inf"').joints["j"]
+    negative = slider(path, 'acceleration="-1"')
+    with pytest.raises(InvalidInput, match=r"limit acceleration is -1\.0: expected 0"):
+        negative.limits(["j"])
+    template = slider(path, 'acceleration="${a}"')
+    with pytest.raises(InvalidInput, match=r"is '\$\{a\}': expected a number; xacro"):
+        template.limits(["j"])
