@@ -31,7 +31,7 @@ import pandas as pd
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import compare
-from trajopt.benchmark.store.folder import read
+from trajopt.benchmark.store.folder import recorded
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import StoreError, TrajoptError
 from trajopt.planners.registry import named
@@ -254,7 +254,7 @@ def faults(folder: Path, promised: int, stored: set[str], expected: Answers) -> 
     again = [file for file, when in written.items() if file.stat().st_mtime_ns != when]
 
     unequal: set[str] = set()
-    for end in (resumed, answers(read(folder / "results.h5"))):
+    for end in (resumed, answers(recorded(folder / "results.h5"))):
         unequal |= {i for i, _ in end.items() ^ expected.items()}
     return {
         "whole": len(kept),
@@ -279,8 +279,7 @@ def _whole(folder: Path) -> tuple[dict[Path, Answers], list[str]]:
     torn = []
     for file in [*sorted(folder.glob("trials/[!.]*.json")), *folder.glob("results.h5")]:
         try:
-            trials = read(file)
-            whole[file] = answers(trials)
+            whole[file] = answers(recorded(file))
         except StoreError as error:
             torn.append(str(error))
     return whole, torn

@@ -3,6 +3,7 @@
 import gc
 import os
 import sys
+import tempfile
 
 # One thread each: the tests run in as many processes as there are cores. Read once, when NumPy is
 # imported: before any test module.
@@ -13,6 +14,9 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+
+# Verdicts of tests stay out of the user's cache.
+os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="mintime-cache-")
 
 # What imports make, they keep: looking for garbage among it is in vain.
 gc.disable()

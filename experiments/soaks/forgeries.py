@@ -30,7 +30,7 @@ import pandas as pd
 from experiments.soaks import soak_report
 from experiments.soaks.forged_results import resealed
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.store.recheck import proved
+from trajopt.benchmark.store.proofs import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
 

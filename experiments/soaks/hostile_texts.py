@@ -24,7 +24,7 @@ import yaml
 
 from experiments.soaks import soak_report
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.store.recheck import proved
+from trajopt.benchmark.store.proofs import proved
 from trajopt.benchmark.suites import literature
 from trajopt.core import built_in
 from trajopt.formats import arms, joint_trajectory

@@ -18,7 +18,8 @@ from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, te
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.store import folder, trial_text
-from trajopt.benchmark.store.recheck import PROVED_AGAIN, verification
+from trajopt.benchmark.store.proofs import PROVED_AGAIN
+from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.trial import judge
 from trajopt.cli.best_known import verify

@@ -5,7 +5,8 @@ from __future__ import annotations
 from trials import forged
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.store.recheck import proved, verification
+from trajopt.benchmark.store.proofs import proved
+from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.judging.verification import verify
 

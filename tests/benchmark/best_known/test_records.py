@@ -14,7 +14,8 @@ from trajopt.benchmark.best_known import proposal, records
 from trajopt.benchmark.best_known.proposal import Candidate
 from trajopt.benchmark.best_known.records import CLOSED_FORM, Origin, made
 from trajopt.benchmark.store import trial_text
-from trajopt.benchmark.store.recheck import proved, verification
+from trajopt.benchmark.store.proofs import proved
+from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 

@@ -133,7 +133,9 @@ def test_a_text_much_longer_than_the_others_does_not_fill_the_file(tmp_path, mon
     monkeypatch.setattr(results_file, "_PADDED_RATIO", 1)
     long = "ß" * 300
     store = Store(tmp_path)
-    store.write_all([replace(solved(), message=long), replace(solved(), seed=9)])
+    failed = Solution(Status.FAILED, message=long)
+    lost = replace(solved(), status=Status.FAILED, message=long, solution=failed, certificate=None)
+    store.write_all([lost, replace(solved(), seed=9)])
     with h5py.File(store.consolidate()) as file:
         assert sorted(file["trials/message"].asstr()[()]) == ["", long]
 

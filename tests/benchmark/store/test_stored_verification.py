@@ -7,7 +7,7 @@ import pytest
 from trials import PROBLEM, Stopping, forged, solved
 
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, StoreError
-from trajopt.benchmark.store import recheck as module
+from trajopt.benchmark.store import proofs as module
 from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.folder import Store, save
 from trajopt.benchmark.store.recheck import verification

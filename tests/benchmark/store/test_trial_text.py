@@ -15,7 +15,7 @@ from trajopt import Limits, Problem, Solution, Status, StoreError
 from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.document import pack, unpack
 from trajopt.benchmark.store.fields import SEED_MAX, columns
-from trajopt.benchmark.store.folder import Store, read
+from trajopt.benchmark.store.folder import Store, recorded
 from trajopt.benchmark.trial import judge, trial_id
 from trajopt.planners.registry import load, options
 
@@ -34,7 +34,7 @@ def stored(request, tmp_path):
             return trial_text.read(trial_text.write(trial))
         store = Store(tmp_path / trial.id)
         store.write(trial)
-        (found,) = read(store.consolidate())
+        (found,) = recorded(store.consolidate())
         return found
 
     return back

@@ -18,7 +18,7 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM, Origin, Record
 from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.store.folder import read as stored_trials
-from trajopt.benchmark.store.recheck import proved
+from trajopt.benchmark.store.proofs import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array

@@ -16,7 +16,8 @@ from pathlib import Path
 from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.store import atomic, recheck, trial_text
 from trajopt.benchmark.store import folder as store
-from trajopt.benchmark.store.recheck import PROVED_AGAIN, CheckedTrial
+from trajopt.benchmark.store.proofs import PROVED_AGAIN
+from trajopt.benchmark.store.recheck import CheckedTrial
 from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput

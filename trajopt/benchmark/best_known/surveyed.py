@@ -11,7 +11,7 @@ from pathlib import Path
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL, Record
-from trajopt.benchmark.store.recheck import proved
+from trajopt.benchmark.store.proofs import proved
 from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.verdicts import Known
 from trajopt.judging.verification import certified

@@ -7,6 +7,8 @@ In reading order:
 - `document`: values, solutions and problems in JSON's terms;
 - `trial_text`: a trial as one sealed JSON text, and back;
 - `atomic`: files that exist whole or not at all;
+- `proofs`: a stored lower bound, proved again;
+- `verdicts`: the verdict on a stored motion, computed here and kept in the user's cache;
 - `results_file`: `results.h5`, with a column per field and the trials' texts;
 - `folder`: the results folder, and the one reader of folders, `results.h5` and texts;
 - `recheck`: everything that a text states, computed again.

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from trajopt.benchmark.store import atomic, results_file, trial_text
+from trajopt.benchmark.store import atomic, results_file, trial_text, verdicts
 from trajopt.benchmark.store.document import Malformed
 from trajopt.benchmark.store.trial_text import WrongSchema
 from trajopt.benchmark.trial import Trial
@@ -45,6 +45,10 @@ class Damaged(StoreError):
 
 class DamagedFile(UserWarning):
     """A damaged file was left out and the others were read, or what was damaged is mended."""
+
+
+class Unheld(UserWarning):
+    """Trials that state another verdict than the judge of this installation gives them."""
 
 
 OnDamage = Callable[[Damaged], None]
@@ -145,7 +149,7 @@ class Store:
         """Return the bytes of `results.h5` for the trials in the folder."""
         found = [known.read(path) for path in _trial_files(self.folder)]
         pairs = [pair for pair in found if pair is not None]
-        trials = [trial for trial, _ in pairs]
+        trials = [found.trial for found in verdicts.judged(pairs)]
         texts = [text for _, text in pairs]
         return results_file.content(trials, texts)
 
@@ -177,21 +181,32 @@ class Store:
     def seen(self) -> Seen:
         """Return the stored trials as they are now, but for damaged files.
 
+        A trial that does not hold what it states is left out too, with a warning (`Unheld`): it
+        runs again where it is asked for.
+
         Raises:
             StoreError: Another version filled this folder.
         """
         with _reading(self.results):
             results_file.check_schema(self.results)
-        found = Seen()
+        stored = []
         for path in _trial_files(self.folder):
             stamp = _stamp(path)
             for trial, text in _each([path], _both, _pass):
-                found.keep(Written(path, stamp, text), trial)
+                stored.append((Written(path, stamp, text), trial))
+        found = Seen()
+        judged = verdicts.judged((trial, written.text) for written, trial in stored)
+        unheld = 0
+        for (written, _), (trial, differences) in zip(stored, judged, strict=True):
+            unheld += bool(differences)
+            if not differences:
+                found.keep(written, trial)
+        _warn_of_unheld(self.folder, unheld, len(stored))
         return found
 
     def read(self) -> list[Trial]:
-        """Return the stored trials, each from its own file; warns of damaged ones."""
-        return list(_each(_trial_files(self.folder), trial_text.read, _warn))
+        """Return the stored trials with computed verdicts; warns as `read` below does."""
+        return _judged(self.folder, _each(_trial_files(self.folder), _both, _warn))
 
 
 class Seen:
@@ -204,11 +219,24 @@ class Seen:
     def __init__(self) -> None:
         self.trials: dict[str, Trial] = {}
         self._written: dict[str, Written] = {}
+        self._added: list[str] = []
 
     def add(self, written: Iterable[Written]) -> None:
         """Keep what has been stored."""
         for one in written:
-            self.keep(one, trial_text.read(one.text))
+            trial = trial_text.read(one.text)
+            self.keep(one, trial)
+            self._added.append(trial.id)
+
+    def judge(self, *, trusted: bool) -> None:
+        """Compute the verdicts of all trials, except of those added, if their judge is `trusted`.
+
+        A judge is trusted that this run started, from this installation.
+        """
+        if trusted:
+            verdicts.trust(self._written[trial_id].text for trial_id in self._added)
+        pairs = [(trial, self._written[trial_id].text) for trial_id, trial in self.trials.items()]
+        self.trials = {trial.id: trial for trial, _ in verdicts.judged(pairs)}
 
     def keep(self, one: Written, trial: Trial) -> None:
         """Keep a file, and the trial in it."""
@@ -239,32 +267,53 @@ def save(path: Path, trial: Trial) -> Path:
 def read(path: Path | str) -> list[Trial]:
     """Return the trials of a results folder, of a `results.h5`, or of one trial's text.
 
-    Certificates are the recorded ones.
+    Verdicts are computed here (`verdicts`); how many trials state another one is a warning
+    (`Unheld`).
 
     Raises:
         StoreError: The file is missing, damaged, or from another version; a damaged file in a
             folder is left out with a warning (`DamagedFile`).
     """
-    return list(recorded(Path(path)))
+    return _judged(path, _stored(Path(path), _both, _warn))
 
 
 def recorded(path: Path, damaged: OnDamage = _warn) -> Iterator[Trial]:
-    """Yield the trials of a path, each from its own text; raises as `read` does.
+    """Yield the trials of a path with the verdicts that their texts state; raises as `read` does.
 
     A damaged file in a folder goes to `damaged`. A damaged text in a `results.h5` refuses that
     file: its seal is right, so somebody forged it.
     """
+    return _stored(path, trial_text.read, damaged)
+
+
+def _stored(path: Path, use: Callable[[bytes], T], damaged: OnDamage) -> Iterator[T]:
+    """Yield what is made of each trial's text."""
     if path.is_dir():
         listed = _trial_files(path)
         if not listed:
             raise StoreError(f"{path}: expected a results folder with trials/*.json in it")
-        yield from _each(listed, trial_text.read, damaged)
+        yield from _each(listed, use, damaged)
     elif is_trial(path):
         with _reading(path):
-            yield trial_text.read(_load(path))
+            yield use(_load(path))
     else:
         with _reading(path):
-            yield from map(trial_text.read, results_file.read(path))
+            yield from map(use, results_file.read(path))
+
+
+def _judged(path: Path | str, pairs: Iterable[tuple[Trial, bytes]]) -> list[Trial]:
+    """Return trials with computed verdicts, and warn of those that state others."""
+    found = list(verdicts.judged(pairs))
+    unheld = sum(bool(differences) for _, differences in found)
+    _warn_of_unheld(path, unheld, len(found))
+    return [trial for trial, _ in found]
+
+
+def _warn_of_unheld(path: Path | str, unheld: int, count: int) -> None:
+    if unheld:
+        words = f"{path}: {unheld} of {count} trials do not hold what they state; "
+        words += "every verdict is computed here (`trajopt verify` names them)"
+        warnings.warn(words, Unheld, stacklevel=3)
 
 
 def is_trial(path: Path) -> bool:

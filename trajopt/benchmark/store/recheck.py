@@ -8,47 +8,21 @@ reader refuses (a wrong checksum, identity or digest) is a damaged file.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
+from trajopt.benchmark.store import proofs, verdicts
 from trajopt.benchmark.store.folder import Damaged, recorded
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Trial, verdict
-from trajopt.core.exceptions import TrajoptError
+from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
-from trajopt.explain.references import BEST_KNOWN, PROOF
-from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate
-from trajopt.planners.planner import Relation
-from trajopt.planners.registry import configured, entries
-from trajopt.planners.rest_to_rest import end_to_end_bound
 
-DURATION_RTOL = 1e-9  # between a recorded duration and the computed one
-CERTIFICATE_RTOL = 1e-6  # between a certificate's uses of limits
-CERTIFICATE_ATOL = 1e-8  # between its misses: rad, rad/s, rad/s^2
 BOUND_RTOL = 1e-6  # by which rounding may lift a proof above a certified duration
-PROOF_RTOL = 1e-12  # between two checks of a proof: the order of sums may differ
-
-PROVED_AGAIN = "proved again"
-NOT_RECHECKED = "not rechecked"
-NOT_PROVED = "not proved"
-
-
-@runtime_checkable
-class StoresProofs(Protocol):
-    """A planner whose solutions carry a proof of their bound, which needs no solver."""
-
-    def relation(self, problem: Problem) -> Relation:
-        """Return how the planner's answers and bounds relate to the optimum."""
-        ...
-
-    def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
-        """Return the bound that the proof among `stats` proves, s; None without a proof."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -58,8 +32,7 @@ class CheckedTrial:
     Attributes:
         flaws: The verifier's, or why there is no trajectory.
         differences: What does not hold.
-        bound: What came of the lower bound: `PROVED_AGAIN`, `NOT_PROVED`, `NOT_RECHECKED` (its
-            planner is not installed, or proves nothing); empty where there is none.
+        bound: What came of the lower bound (`proofs.rechecked`); empty where there is none.
     """
 
     id: str
@@ -137,8 +110,7 @@ def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
     anew = []
     shortest: dict[str, float] = {}
     for trial in trials:
-        status, message, certificate = verdict(trial.problem, trial.solution)
-        now = replace(trial, status=status, message=message, certificate=certificate)
+        now = verdicts.again(trial)
         duration = np.inf if now.certified_duration is None else now.certified_duration
         shortest[now.digest] = min(duration, shortest.get(now.digest, np.inf))
         anew.append(now)
@@ -149,8 +121,8 @@ def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
 def _checked(then: Trial, now: Trial, shortest: float) -> CheckedTrial:
     """A trial beside its computed verdict, and the shortest certified duration of its problem."""
     stated = then.certificate
-    bound, unproved = _rechecked(then)
-    differences = [*_changed(then, now), *_foreign(then.problem)]
+    bound, unproved = proofs.rechecked(then)
+    differences = [*verdicts.changed(then, now), *_foreign(then.problem)]
     if then.lower_bound is not None and then.lower_bound > shortest * (1 + BOUND_RTOL):
         lower = f"{then.lower_bound:.9g} s"
         differences.append(f"lower bound: {lower}, but {shortest:.9g} s is certified")
@@ -172,50 +144,6 @@ def _checked(then: Trial, now: Trial, shortest: float) -> CheckedTrial:
     )
 
 
-def _changed(then: Trial, now: Trial) -> list[str]:
-    """Name the recorded values that differ from the computed ones."""
-    found = []
-    if then.label.partition(":")[0] != then.planner:
-        found.append(_difference("label", then.planner, then.label))
-    for name in ("status", "feasible", "certified_duration", "dilation"):
-        new = getattr(now, name)
-        old = getattr(then, name)
-        if not _close(new, old, rtol=DURATION_RTOL, atol=0.0):
-            found.append(_difference(name, new, old))
-    claim = getattr(then.certificate, "duration", then.claimed_duration)
-    if not _close(then.claimed_duration, claim, rtol=DURATION_RTOL, atol=0.0):
-        found.append(_difference("duration", then.claimed_duration, claim))
-    for kind in WORST_KINDS:
-        rtol = CERTIFICATE_RTOL if kind in RATIO_KINDS else 0.0
-        atol = 0.0 if kind in RATIO_KINDS else CERTIFICATE_ATOL
-        new = _worst_value(now.certificate, kind)
-        old = _worst_value(then.certificate, kind)
-        if not _close(new, old, rtol=rtol, atol=atol):
-            found.append(_difference(f"certificate's {kind}", new, old))
-    return found
-
-
-def _worst_value(certificate: Certificate | None, kind: str) -> float | None:
-    worst = getattr(certificate, kind, None)
-    return worst.value if worst else None
-
-
-def _close(now: Any, then: Any, *, rtol: float, atol: float) -> bool:
-    if not isinstance(now, float | int) or not isinstance(then, float | int):
-        return bool(now == then)
-    return bool(np.isclose(now, then, rtol=rtol, atol=atol))
-
-
-def _difference(name: str, now: Any, then: Any) -> str:
-    return f"{name}: recorded {_said(then)}, computed {_said(now)}"
-
-
-def _said(value: Any) -> str:
-    if value is None:
-        return "none"
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
 def _foreign(problem: Problem) -> list[str]:
     """Say whether a problem of a built-in name has other numbers than the built-in one."""
     digests = _built_in(problem.name)
@@ -231,60 +159,3 @@ def _built_in(name: str) -> frozenset[str]:
         return frozenset([catalogue.load(name).digest()])
     every = catalogue.every_problem().items()
     return frozenset(digest for digest, (_, problem) in every if problem.name == name)
-
-
-def _rechecked(trial: Trial) -> tuple[str, list[str]]:
-    """Return the result for the trial's lower bound, and its differences."""
-    bound = trial.lower_bound
-    if bound is None:
-        # a bound on some trajectories only, as of the 3-5-3 splines
-        bound = trial.solution.stats.get("lower_bound")
-    if bound is None:
-        return "", []
-    if not isinstance(bound, float | int):
-        return NOT_PROVED, ["lower bound: it is no number"]
-    planner = _planner(trial)
-    if planner is None:
-        return NOT_RECHECKED, []
-    if trial.lower_bound is not None and planner.relation(trial.problem) is Relation.RESTRICTION:
-        return NOT_PROVED, [f"lower bound: {trial.label} bounds some trajectories only"]
-    try:
-        now = _proved(planner, trial)
-    except TrajoptError as error:
-        return NOT_PROVED, [f"lower bound: {error}"]
-    if _close(now, bound, rtol=PROOF_RTOL, atol=0.0):
-        return PROVED_AGAIN, []
-    return NOT_PROVED, [_difference("lower bound", now, bound)]
-
-
-def proved(trial: Trial) -> float:
-    """Return the lower bound that a trial's proof gives, s, without a solver.
-
-    Raises:
-        TrajoptError: The proof is damaged, or what checks it is not installed.
-    """
-    planner = _planner(trial)
-    if planner is None:
-        raise TrajoptError(f"lower bound of {trial.label}: nothing installed here checks its proof")
-    return _proved(planner, trial)
-
-
-def _proved(planner: StoresProofs, trial: Trial) -> float:
-    """The bound of the stored proof; in closed form where none is stored."""
-    bound = planner.stored_bound(trial.problem, trial.solution.stats)
-    return end_to_end_bound(trial.problem) if bound is None else bound
-
-
-def _planner(trial: Trial) -> StoresProofs | None:
-    """The trial's planner with its options, where it is installed and stores proofs."""
-    name, options = trial.planner, trial.options
-    if name == BEST_KNOWN:
-        name, options = PROOF, {}
-    entry = entries().get(name)
-    if entry is None or entry.missing():
-        return None
-    try:
-        planner = configured(entry.load(), options, name)
-    except TrajoptError:
-        return None
-    return planner if isinstance(planner, StoresProofs) else None

@@ -72,6 +72,11 @@ def stated_id(text: bytes) -> str:
     return _head(text)["id"].decode()
 
 
+def stated_digest(text: bytes) -> str:
+    """Return the SHA-256 that a text states of itself, which `read` checks."""
+    return _head(text)["sha256"].decode()
+
+
 def _head(text: bytes) -> re.Match[bytes]:
     found = _HEAD.match(text)
     if found is None:
@@ -92,8 +97,8 @@ def write(trial: Trial, *, brief: bool = False) -> bytes:
     table["problem"] = problem_table(trial.problem)
     table |= pack({name: getattr(trial, name) for name in _NAMES})
     table["certificate"] = None
-    if trial.certificate is not None and trial.solution.trajectory is not None:
-        table["certificate"] = _certificate_table(trial.certificate)
+    if trial.solution.trajectory is not None:
+        table["certificate"] = certificate_table(trial.certificate)
     table["solution"] = packed_solution(trial.solution, brief=brief)
     text = sealed(table)
     read(text)  # refuses a text that cannot be read back
@@ -133,7 +138,7 @@ def read(text: bytes) -> Trial:
     own["status"] = Status(own["status"])
     problem = _problem(table["problem"])
     solution = solution_of(table["solution"])
-    certificate = _certificate(table["certificate"], problem)
+    certificate = certificate_of(table["certificate"], problem)
     if certificate is not None and solution.trajectory is None:
         raise Malformed("certificate: there is no trajectory")
     trial = Trial(problem=problem, solution=solution, certificate=certificate, **own)
@@ -200,8 +205,10 @@ def _check_provenance(provenance: Mapping[str, Any]) -> None:
         raise Malformed("provenance: trajopt, the package's version, is missing")
 
 
-def _certificate_table(certificate: Certificate) -> Any:
-    """The certificate in JSON's terms; joints count from 1."""
+def certificate_table(certificate: Certificate | None) -> Any:
+    """Return a certificate in JSON's terms; joints count from 1."""
+    if certificate is None:
+        return None
     table = asdict(certificate)
     for name in WORST_KINDS:
         if table[name] is not None:
@@ -209,8 +216,8 @@ def _certificate_table(certificate: Certificate) -> Any:
     return pack(table)
 
 
-def _certificate(table: Any, problem: Problem) -> Certificate | None:
-    """The stated certificate; a `TypeError` where it has other keys than a certificate."""
+def certificate_of(table: Any, problem: Problem) -> Certificate | None:
+    """Return the stated certificate; `TypeError` where it has other keys than a certificate."""
     if table is None:
         return None
     flaws = table["flaws"]

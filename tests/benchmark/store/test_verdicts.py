@@ -1,0 +1,150 @@
+"""Readers compute every verdict from the stored motion; what a file states is only compared."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from trials import PROBLEM, Stopping, assert_same, forged, solved
+
+from trajopt import Status, compare
+from trajopt.benchmark.store import trial_text, verdicts
+from trajopt.benchmark.store.folder import Store, Unheld, read
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import judge
+from trajopt.planners.registry import load
+from trajopt.views.analysis.results import Results
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    """A cache of its own for each test."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def faster(table):
+    """A forger's edit: half the duration, within every limit."""
+    table["certificate"]["duration"] *= 0.5
+    table["certificate"]["dilation"] = 1.0
+    for kind in ("velocity", "acceleration"):
+        table["certificate"][kind]["value"] = 1.0
+
+
+def planted(folder, trial, change):
+    """Store a trial whose text was edited and sealed again; return the `results.h5` too."""
+    store = Store(folder)
+    store.write(trial).write_bytes(forged(trial_text.write(trial), change))
+    return store.consolidate()
+
+
+@pytest.mark.parametrize("place", ["folder", "results.h5"])
+def test_a_forged_verdict_is_shown_as_computed_and_counted(tmp_path, place):
+    true = solved()
+    file = planted(tmp_path / "r", true, faster)
+    path = file if place == "results.h5" else file.parent
+    for _ in range(2):  # the second time from the cache
+        with pytest.warns(Unheld, match=r"1 of 1 trials do not hold what they state; every"):
+            results = Results(path)
+        (shown,) = results.items
+        assert_same(shown.certificate, true.certificate)
+        assert results.trials()["certified_duration"].item() == true.certified_duration
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "value"),
+    [
+        (lambda table: table.update(status="failed"), "status", Status.SOLVED),
+        (lambda table: table.update(message="it gave up"), "message", ""),
+        (lambda table: table.update(label="exact"), "label", "stopping"),
+        (lambda table: table.update(certificate=None), "feasible", False),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::trajopt.benchmark.store.folder.Unheld")
+def test_no_part_of_a_verdict_is_taken_from_the_file(tmp_path, change, name, value):
+    planted(tmp_path / "r", solved(), change)
+    for _ in range(2):
+        (shown,) = read(tmp_path / "r")
+        assert getattr(shown, name) == value
+
+
+def count_verdicts(monkeypatch):
+    seen = []
+    own = verdicts.verdict
+    monkeypatch.setattr(verdicts, "verdict", lambda *given: (seen.append(1), own(*given))[1])
+    return seen
+
+
+def test_a_verdict_is_computed_once_for_each_text_and_judge(tmp_path, monkeypatch):
+    store = Store(tmp_path / "r")
+    store.write_all([solved(), replace(solved(), seed=8)])
+    seen = count_verdicts(monkeypatch)
+    first = read(tmp_path / "r")
+    assert len(seen) == 2
+    for again, known in zip(read(tmp_path / "r"), first, strict=True):
+        assert_same(again, known)
+    assert len(seen) == 2
+    store.write(replace(solved(), seed=9))
+    read(tmp_path / "r")
+    assert len(seen) == 3
+    other = verdicts.provenance() | {"judge_digest": "another judge"}
+    monkeypatch.setattr(verdicts, "provenance", lambda: other)
+    read(tmp_path / "r")
+    assert len(seen) == 6
+
+
+@pytest.mark.parametrize("content", ["", "[", "[1]", '{"x": 1}', "cannot be read"])
+def test_a_cache_that_says_nothing_is_left_alone(tmp_path, content):
+    Store(tmp_path / "r").write(solved())
+    (first,) = read(tmp_path / "r")
+    (cache,) = (tmp_path / "cache").rglob("*.json")
+    known = json.loads(cache.read_text())
+    if content == '{"x": 1}':
+        content = json.dumps({key: {"x": 1} for key in known})
+    cache.write_text(content)
+    if content == "cannot be read":
+        cache.unlink()
+        cache.mkdir()
+    (again,) = read(tmp_path / "r")
+    assert_same(again, first)
+
+
+def test_the_caches_of_judges_long_gone_are_removed(tmp_path):
+    Store(tmp_path / "r").write(solved())
+    old = tmp_path / "cache" / "mintime" / "verdicts-0.json"
+    old.parent.mkdir(parents=True)
+    old.write_text("{}")
+    os.utime(old, (0, 0))
+    read(tmp_path / "r")
+    assert not old.exists()
+    assert len(list(old.parent.iterdir())) == 1
+
+
+@pytest.mark.parametrize("bound", [9.0, 0.1])
+def test_a_bound_that_gaps_rest_on_is_what_its_proof_proves(tmp_path, bound):
+    problem = catalogue.load("one-joint")
+    (true,) = judge(load("certify"), problem, [0], "certify")
+
+    def change(table):
+        table["solution"]["lower_bound"] = bound
+
+    file = planted(tmp_path / "r", true, change)
+    for _ in range(2):
+        with pytest.warns(Unheld):
+            results = Results(file)
+        (shown,) = results.items
+        assert shown.lower_bound == pytest.approx(true.lower_bound, rel=1e-12)
+        assert results.references()["proved"].item() == shown.lower_bound
+
+
+def test_a_kept_trial_that_does_not_hold_runs_again(tmp_path):
+    first = compare([PROBLEM], [("mine", Stopping())], tmp_path / "r")
+    (mine,) = (one for one in first.items if one.planner == "mine")
+    path = Store(tmp_path / "r").path(mine.id)
+    path.write_bytes(forged(path.read_bytes(), faster))
+    with pytest.warns(Unheld, match="1 of 3 trials"):
+        second = compare([PROBLEM], [("mine", Stopping())], tmp_path / "r")
+    assert second.kept.count == 2
+    (again,) = (one for one in second.items if one.planner == "mine")
+    assert_same(again.certificate, mine.certificate)
+    assert [one.id for one in read(Path(tmp_path / "r")) if one.planner == "mine"] == [mine.id]

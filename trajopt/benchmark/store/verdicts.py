@@ -1,0 +1,192 @@
+"""Compute the verdicts of stored trials: what a file states of a motion is never believed.
+
+Whoever reads trials gets the verdict of the judge of this installation on the stored motion. A
+lower bound that gaps rest on is what its stored proof proves. A verdict that was computed is kept
+in the user's cache folder, by the digests of the trial's text and of the judge.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trajopt.benchmark.provenance import provenance
+from trajopt.benchmark.store import proofs, trial_text
+from trajopt.benchmark.trial import Trial, verdict
+from trajopt.core import files
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.solution import Status
+from trajopt.explain.references import PROOF
+from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate
+
+DURATION_RTOL = 1e-9  # between a stated duration and the computed one
+CERTIFICATE_RTOL = 1e-6  # between a certificate's uses of limits
+CERTIFICATE_ATOL = 1e-8  # between its misses: rad, rad/s, rad/s^2
+
+_MAX_KEPT = 100_000  # verdicts in the cache, the newest ones
+_MAX_AGE_S = 30 * 86400.0  # of another judge's cache
+
+
+class Judged(NamedTuple):
+    """A stored trial with the verdict of this installation's judge, and what does not hold."""
+
+    trial: Trial
+    differences: tuple[str, ...]
+
+
+def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[Judged]:
+    """Yield trials, each given with its text, with their computed verdicts."""
+    known = _kept()
+    new: dict[str, Any] = {}
+    for trial, text in pairs:
+        digest = trial_text.stated_digest(text)
+        try:
+            yield _remembered(trial, known[digest])
+        except Exception:  # not there, or not what this module wrote
+            found = _computed(trial)
+            table = _table(found)
+            new[digest] = None if table == _table(Judged(trial, ())) else table
+            yield found
+    if new:
+        _keep(known | new)
+
+
+def trust(texts: Iterable[bytes]) -> None:
+    """Keep the verdicts of texts that this installation's judge has just written."""
+    _keep(_kept() | dict.fromkeys(map(trial_text.stated_digest, texts)))
+
+
+def again(trial: Trial) -> Trial:
+    """Return a trial with the verdict computed from its problem and solution."""
+    status, message, certificate = verdict(trial.problem, trial.solution)
+    return replace(trial, status=status, message=message, certificate=certificate)
+
+
+def changed(then: Trial, now: Trial) -> list[str]:
+    """Name the stated values that differ from the computed ones."""
+    found = []
+    if then.label.partition(":")[0] != then.planner:
+        found.append(_difference("label", then.planner, then.label))
+    for name in ("status", "feasible", "certified_duration", "dilation"):
+        new = getattr(now, name)
+        old = getattr(then, name)
+        if not _close(new, old, rtol=DURATION_RTOL, atol=0.0):
+            found.append(_difference(name, new, old))
+    claim = getattr(then.certificate, "duration", then.claimed_duration)
+    if not _close(then.claimed_duration, claim, rtol=DURATION_RTOL, atol=0.0):
+        found.append(_difference("duration", then.claimed_duration, claim))
+    for kind in WORST_KINDS:
+        rtol = CERTIFICATE_RTOL if kind in RATIO_KINDS else 0.0
+        atol = 0.0 if kind in RATIO_KINDS else CERTIFICATE_ATOL
+        new = _worst_value(now.certificate, kind)
+        old = _worst_value(then.certificate, kind)
+        if not _close(new, old, rtol=rtol, atol=atol):
+            found.append(_difference(f"certificate's {kind}", new, old))
+    return found
+
+
+def _computed(then: Trial) -> Judged:
+    now = again(then)
+    differences = changed(then, now)
+    if then.label.partition(":")[0] != then.planner:
+        now = replace(now, label=then.planner)
+    if then.planner == PROOF and then.lower_bound is not None:
+        word, unproved = proofs.rechecked(then)
+        if word != proofs.PROVED_AGAIN:
+            differences += unproved or [f"lower bound: {word}"]
+            now = replace(now, solution=replace(now.solution, lower_bound=_proved(then)))
+    return Judged(now, tuple(differences))
+
+
+def _proved(trial: Trial) -> float | None:
+    with suppress(TrajoptError):
+        return proofs.proved(trial)
+    return None
+
+
+def _worst_value(certificate: Certificate | None, kind: str) -> float | None:
+    worst = getattr(certificate, kind, None)
+    return worst.value if worst else None
+
+
+def _close(now: Any, then: Any, *, rtol: float, atol: float) -> bool:
+    if not isinstance(now, float | int) or not isinstance(then, float | int):
+        return bool(now == then)
+    return bool(np.isclose(now, then, rtol=rtol, atol=atol))
+
+
+def _difference(name: str, now: Any, then: Any) -> str:
+    return f"{name}: recorded {_said(then)}, computed {_said(now)}"
+
+
+def _said(value: Any) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+# --- what was computed before ---
+
+
+def _table(found: Judged) -> dict[str, Any]:
+    """Return a verdict in JSON's terms."""
+    trial = found.trial
+    return {
+        "status": str(trial.status),
+        "message": trial.message,
+        "label": trial.label,
+        "lower_bound": trial.lower_bound,
+        "certificate": trial_text.certificate_table(trial.certificate),
+        "differences": list(found.differences),
+    }
+
+
+def _remembered(then: Trial, table: Mapping[str, Any] | None) -> Judged:
+    """Return a trial with the verdict in the table; with the stated one if that was confirmed."""
+    if table is None:
+        return Judged(then, ())
+    own = {name: table[name] for name in ("message", "label")}
+    certificate = trial_text.certificate_of(table["certificate"], then.problem)
+    solution = replace(then.solution, lower_bound=table["lower_bound"])
+    status = Status(table["status"])
+    now = replace(then, status=status, certificate=certificate, solution=solution, **own)
+    return Judged(now, tuple(table["differences"]))
+
+
+def _file() -> Path:
+    """Return the cache of this installation's judge."""
+    own = [provenance()[name] for name in ("mintime", "judge_digest", "python", "numpy", "scipy")]
+    digest = hashlib.sha256(" ".join(own).encode()).hexdigest()
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(folder) / "mintime" / f"verdicts-{digest[:20]}.json"
+
+
+def _kept() -> dict[str, Any]:
+    """Return the verdicts in the cache, by the digests of texts; None confirms the text's own."""
+    with suppress(Exception):  # without a home, or a cache that can be read, all are computed
+        table = json.loads(files.content(_file()))
+        return dict(table)
+    return {}
+
+
+def _keep(known: Mapping[str, Any]) -> None:
+    """Write the cache; remove those of judges that have not been used for long."""
+    with suppress(Exception):  # a cache that cannot be written saves no time
+        file = _file()
+        newest = list(known.items())[-_MAX_KEPT:]
+        file.parent.mkdir(parents=True, exist_ok=True)
+        temporary = file.with_suffix(f".{os.getpid()}.tmp")
+        temporary.write_text(json.dumps(dict(newest)))
+        os.replace(temporary, file)
+        for other in file.parent.glob("verdicts-*.json"):
+            if time.time() - other.stat().st_mtime > _MAX_AGE_S:
+                other.unlink()
