@@ -29,6 +29,7 @@ from trajopt.benchmark.trial import Configuration, Trial, now
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
+from trajopt.views.analysis.gap_reference import durations
 from trajopt.views.analysis.versions import Kept, newest
 from trajopt.views.results import Results
 
@@ -116,7 +117,7 @@ def compare(
     seen.judge(trusted=executor is None and allowed.jobs > 0)
     if waiting or not store.is_current():
         store.restore(seen)
-        store.consolidate(seen)
+        store.consolidate(seen, durations)
     own = [seen.trials[trial_id] for trial_id in sorted(asked & seen.trials.keys())]
     trials = _marked(store, own, seen.trials.values())
     _warn_of_histories(trials)
@@ -143,5 +144,5 @@ def _marked(store: Store, trials: Sequence[Trial], every: Iterable[Trial]) -> Se
     if not marked:
         return trials
     store.write_all(marked)
-    store.consolidate()
+    store.consolidate(references=durations)
     return [trial for trial in trials if trial.id in shown] + marked

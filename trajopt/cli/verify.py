@@ -27,6 +27,7 @@ from trajopt.formats.motion import ENDINGS, motion
 from trajopt.formats.samples import known_as
 from trajopt.judging.verification import Certificate
 from trajopt.views import table_cells
+from trajopt.views.analysis.gap_reference import durations
 
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
@@ -59,7 +60,7 @@ def verify(
         if of_motion:
             right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
             raise InvalidInput("PATH", right, value=str(path))
-        found = verification(path)
+        found = verification(path, durations)
     report(found, json)
     return 0 if found.holds else 1
 
@@ -70,7 +71,8 @@ def report(found: Verification, json: bool) -> None:
         _print(found)
         return
     rows = [trial.as_dict() for trial in found.trials]
-    console.print_json({"holds": found.holds, "summary": found.summary(), "trials": rows})
+    told = {"holds": found.holds, "summary": found.summary(), "misstated": list(found.misstated)}
+    console.print_json({**told, "trials": rows})
 
 
 def _verify_motion(path: Path, robot: Robot, interpolation: Interpolation, json: bool) -> int:

@@ -73,7 +73,7 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
     results.write(trial)
     old = results.consolidate().read_bytes()
 
-    def crash(trials, texts):
+    def crash(*_):
         raise RuntimeError("pulled the plug")
 
     monkeypatch.setattr(results_file, "content", crash)
@@ -441,8 +441,8 @@ def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial
     content = results_file.content
     turns = []
 
-    def interrupted(trials, texts):
-        data = content(trials, texts)
+    def interrupted(*given):
+        data = content(*given)
         if not turns:
             turns.append(1)
             results.write(other)

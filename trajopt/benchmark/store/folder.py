@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from trajopt.benchmark.store import atomic, results_file, trial_text, verdicts
 from trajopt.benchmark.store.document import Malformed
+from trajopt.benchmark.store.layout import References
 from trajopt.benchmark.store.trial_text import WrongSchema
 from trajopt.benchmark.trial import Trial
 from trajopt.core import files
@@ -126,11 +127,12 @@ class Store:
                 self.path(path.stem, unanswered=True).unlink(missing_ok=True)
         return [Written(path, _stamp(path), text) for path, text in texts.items()]
 
-    def consolidate(self, seen: Seen | None = None) -> Path:
+    def consolidate(self, seen: Seen | None = None, references: References | None = None) -> Path:
         """Rebuild `results.h5` from every trial's text; warns of damaged ones (`DamagedFile`).
 
         Files that were `seen` are not read again. It starts anew if another run replaced
-        `results.h5` meanwhile: that run may know more trials.
+        `results.h5` meanwhile: that run may know more trials. Gaps are measured against
+        `references`; without them they are NaN.
         """
         atomic.sweep(self.folder, self.folder / "trials")
         known = seen or Seen()
@@ -138,20 +140,20 @@ class Store:
         def rebuild(place: Path) -> None:
             while True:
                 before = _stamp(self.results)
-                place.write_bytes(self._content(known))
+                place.write_bytes(self._content(known, references))
                 if _stamp(self.results) == before:
                     return
 
         atomic.write(self.results, rebuild)
         return self.results
 
-    def _content(self, known: Seen) -> bytes:
+    def _content(self, known: Seen, references: References | None) -> bytes:
         """Return the bytes of `results.h5` for the trials in the folder."""
         found = [known.read(path) for path in _trial_files(self.folder)]
         pairs = [pair for pair in found if pair is not None]
         trials = [found.trial for found in verdicts.judged(pairs)]
         texts = [text for _, text in pairs]
-        return results_file.content(trials, texts)
+        return results_file.content(trials, texts, references)
 
     def restore(self, seen: Seen) -> None:
         """Write again what others have removed or changed since it was seen, and warn."""
@@ -256,10 +258,10 @@ class Seen:
         return {one.path: one.text for one in written if _stamp(one.path) != one.stamp}
 
 
-def save(path: Path, trial: Trial) -> Path:
+def save(path: Path, trial: Trial, references: References | None = None) -> Path:
     """Write a `results.h5` of one trial."""
     text = trial_text.write(trial)
-    content = results_file.content([trial], [text])
+    content = results_file.content([trial], [text], references)
     atomic.write(path, content)
     return path
 
@@ -314,6 +316,25 @@ def _warn_of_unheld(path: Path | str, unheld: int, count: int) -> None:
         words = f"{path}: {unheld} of {count} trials do not hold what they state; "
         words += "every verdict is computed here (`trajopt verify` names them)"
         warnings.warn(words, Unheld, stacklevel=3)
+
+
+def misstated(path: Path, references: References) -> list[str]:
+    """Name what a `results.h5` has for people and its own texts do not give.
+
+    Args:
+        path: The file, or its folder; a folder may have none.
+        references: What gaps are measured against.
+
+    Raises:
+        StoreError: The file is damaged.
+    """
+    file = Store(path).results if path.is_dir() else path
+    if is_trial(file) or not file.exists():
+        return []
+    with _reading(file):
+        pairs = map(_both, results_file.read(file))
+        trials = [trial for trial, _ in verdicts.judged(pairs)]
+        return results_file.differences(file, trials, references)
 
 
 def is_trial(path: Path) -> bool:

@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 
 from trajopt.benchmark.store import proofs, verdicts
-from trajopt.benchmark.store.folder import Damaged, recorded
+from trajopt.benchmark.store.folder import Damaged, misstated, recorded
+from trajopt.benchmark.store.layout import References
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 
 BOUND_RTOL = 1e-6  # by which rounding may lift a proof above a certified duration
+MAX_MISSTATED = 10  # names in the summary
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,14 @@ class CheckedTrial:
 
 @dataclass(frozen=True)
 class Verification:
-    """All trials of a file or folder, computed again."""
+    """All trials of a file or folder, computed again.
+
+    Attributes:
+        misstated: Datasets and attributes of `results.h5` that its own texts do not give.
+    """
 
     trials: tuple[CheckedTrial, ...]
+    misstated: tuple[str, ...] = ()
 
     @property
     def answered(self) -> bool:
@@ -72,7 +79,7 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        return self.answered and all(t.holds for t in self.trials)
+        return self.answered and not self.misstated and all(t.holds for t in self.trials)
 
     def summary(self) -> list[str]:
         """Summarise the result, a sentence a line."""
@@ -87,11 +94,20 @@ class Verification:
         if counts:
             words = ", ".join(counts)
             lines.append(f"Lower bounds: {words}.")
+        if self.misstated:
+            shown = ", ".join(self.misstated[:MAX_MISSTATED])
+            more = len(self.misstated) - MAX_MISSTATED
+            shown += f" and {more} more" if more > 0 else ""
+            lines.append(f"results.h5 differs from what its trials' texts give: {shown}.")
         return lines
 
 
-def verification(path: Path | str) -> Verification:
+def verification(path: Path | str, references: References | None = None) -> Verification:
     """Compute every stored trial of a folder, a `results.h5` or a trial's text again.
+
+    Args:
+        path: Of one of these.
+        references: What gaps are measured against; None: the datasets are not compared.
 
     Raises:
         StoreError: The path holds no results, or the file cannot be read. A damaged file in a
@@ -102,7 +118,8 @@ def verification(path: Path | str) -> Verification:
     found = checked(sorted(trials, key=lambda t: (t.problem.name, t.label, t.seed)))
     for error in damaged:
         found.append(CheckedTrial(error.path.stem, differences=(str(error),)))
-    return Verification(tuple(found))
+    differing = misstated(Path(path), references) if references else []
+    return Verification(tuple(found), tuple(differing))
 
 
 def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:

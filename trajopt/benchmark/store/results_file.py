@@ -1,21 +1,20 @@
 """`results.h5`: every trial of a folder, for people and other programs, and as it is kept.
 
-- `trials/` has a dataset for each field (`fields.py`), one entry per trial, with `id` as their
-  dimension scale, `units` and a `description`;
-- `texts` has the trials' own texts (`trial_text.py`) in the same order, each ended by a zero byte.
+- `problems/`, `runs/` and `trials/` are for people (`layout.py`): any HDF5 tool finds a number by
+  its name, with its unit;
+- `texts` has the trials' own texts (`trial_text.py`), each ended by a zero byte.
 
 The fastest trajectory, with plain h5py:
 
     with h5py.File("results/results.h5") as file:
         best = int(np.nanargmin(file["trials/certified_duration"]))
-        texts = file["texts"][()].tobytes().split(b"\\0")
-    trajectory = json.loads(texts[best])["solution"]["trajectory"]
-    fastest = PPoly(trajectory["coefficients"], trajectory["breaks"])
+        motion = file[file["trials/path"].asstr()[best]]["trajectory"]
+        fastest = PPoly(motion["coefficients"][()], motion["breaks"][()])
 
 This package reads nothing but `texts`, which must lie in the very file, in chunks whose size is
 known. So it takes no more memory than a text, whatever a stranger's file claims. The first text
 that states no identity, or that of another one, ends it: nobody can make a small file that takes
-minutes. The file ends
+minutes. `differences` compares everything else with what the texts give. The file ends
 with a seal: the mark `trajopt4` and the SHA-256 of all bytes before it, which HDF5 ignores.
 """
 
@@ -24,19 +23,22 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shlex
+import sys
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trajopt.benchmark.store import fields
-from trajopt.benchmark.store.document import Malformed, pack
-from trajopt.benchmark.store.fields import FIELDS
+from trajopt.benchmark.provenance import provenance
+from trajopt.benchmark.store import layout
+from trajopt.benchmark.store.document import Malformed
+from trajopt.benchmark.store.layout import Data, Group, References
 from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema, stated_id
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import Trial, now
+from trajopt.core.harmless import harmless
 
 _MARK = f"trajopt{SCHEMA}".encode()
 _SEAL_BYTES = len(_MARK) + 32  # of SHA-256
@@ -44,36 +46,35 @@ _OTHER_MARK = re.compile(rb"trajopt\d")
 _BLOCK_BYTES = 1 << 20
 _CHUNK_BYTES = 1 << 18  # of texts, inflated at once
 _END = b"\0"  # ends a text; JSON never holds this character
-_FILTERS: dict[str, Any] = {"compression": 1, "shuffle": True, "fletcher32": True}
-_DESCRIPTION = "trials of minimum-time planners, each judged by the verifier"
+_TITLE = "trials of minimum-time planners, each judged by the verifier"
 _TEXTS = "the trials' texts, JSON in UTF-8, in the order of trials/id, each ended by a zero byte"
+_TEXT_BYTES = 1 << 26  # of texts that are read at once
 
 
 # --- writing ---
 
 
-def content(trials: Sequence[Trial], texts: Sequence[bytes]) -> bytes:
-    """Return the file's bytes. It is made in memory: HDF5 may crash on a full disk."""
+def content(
+    trials: Sequence[Trial], texts: Sequence[bytes], references: References | None = None
+) -> bytes:
+    """Return the file's bytes. It is made in memory: HDF5 may crash on a full disk.
+
+    Args:
+        trials: In the order of their texts.
+        texts: As `trial_text.write` makes them.
+        references: What gaps are measured against; None: they are NaN.
+    """
     import h5py  # late, here and below: takes long to import
 
     joined = b"".join(text + _END for text in texts)
-    columns = fields.columns(trials)
     with h5py.File.in_memory(libver="v110") as file:
-        file.attrs["schema"] = SCHEMA
-        file.attrs["description"] = _DESCRIPTION
-        for field in FIELDS:
-            column = columns[field.name]
-            if not isinstance(column, np.ndarray):
-                column = _texts(pack(column))
-            filters = _FILTERS if len(trials) and column.dtype.kind != "O" else {}
-            data = file.create_dataset(f"trials/{field.name}", data=column, **filters)
-            data.attrs["units"] = field.unit
-            data.attrs["description"] = field.meaning
+        file.attrs.update(_about())
+        _write(file, layout.tree(trials, references), h5py.string_dtype())
         scale = file["trials/id"]
         scale.make_scale("trial")
-        for field in FIELDS:
-            if field.name != "id":
-                file[f"trials/{field.name}"].dims[0].attach_scale(scale)
+        for name, data in file["trials"].items():
+            if name != "id":
+                data.dims[0].attach_scale(scale)
         data = file.create_dataset(
             "texts",
             data=np.frombuffer(joined, np.uint8),
@@ -87,27 +88,37 @@ def content(trials: Sequence[Trial], texts: Sequence[bytes]) -> bytes:
         return sealed(file.id.get_file_image())
 
 
+def _about() -> dict[str, Any]:
+    """Return the attributes of the file."""
+    program, *arguments = sys.argv or [""]
+    about = {name: provenance()[name] for name in ("mintime", "commit")}
+    return {
+        "title": _TITLE,
+        "command": harmless(shlex.join([Path(program).name, *arguments])),
+        "created": now(),
+        **about,
+        "schema": SCHEMA,
+    }
+
+
+def _write(place: Any, group: Group, text: Any) -> None:
+    """Write a group's attributes and members; `text` is the type of texts."""
+    for name, value in group.attributes.items():
+        place.attrs[name] = value
+    for name, member in group.members.items():
+        if isinstance(member, Group):
+            _write(place.create_group(name), member, text)
+            continue
+        kind = None if isinstance(member.values, np.ndarray) else text
+        data = place.create_dataset(name, data=member.values, dtype=kind)
+        data.attrs["units"] = member.units
+        if member.description:
+            data.attrs["description"] = member.description
+
+
 def sealed(data: bytes) -> bytes:
     """Return the bytes with their seal."""
     return data + _MARK + hashlib.sha256(data).digest()
-
-
-def _texts(texts: Sequence[str]) -> NDArray[Any]:
-    """Texts of one length, which compress, unless one of them is much longer than the others."""
-    import h5py
-
-    encoded = [text.encode() for text in texts]
-    sizes = [len(text) for text in encoded]
-    longest = max(sizes, default=0) or 1
-    padded = longest * len(encoded)
-    allowed = max(_PADDED_BYTES, _PADDED_RATIO * sum(sizes))
-    if padded > allowed:
-        return np.array(encoded, dtype=h5py.string_dtype())
-    return np.array(encoded, dtype=h5py.string_dtype("utf-8", longest))
-
-
-_PADDED_BYTES = 1 << 22  # padded texts may take this much,
-_PADDED_RATIO = 4  # or this much more than without padding
 
 
 # --- reading ---
@@ -173,6 +184,88 @@ def _blocks(h5py: Any, file: Any) -> Iterator[bytes]:
         if len(block) != _CHUNK_BYTES:
             raise Malformed("texts: a chunk that is not of its size")
         yield block[: len(data) - start]
+
+
+# --- comparing ---
+
+
+def differences(path: Path, trials: Sequence[Trial], references: References) -> list[str]:
+    """Name the datasets and attributes that are not what the trials give.
+
+    Args:
+        path: Of a file whose texts are those of the trials.
+        trials: In the order of the texts.
+        references: What gaps are measured against.
+
+    Raises:
+        Exception: The file is damaged.
+    """
+    check_seal(path)
+    import h5py
+
+    expected = layout.tree(trials, references)
+    rows = max(1, _TEXT_BYTES // path.stat().st_size)
+    with h5py.File(path, "r", locking=False) as file:
+        return list(_differing(h5py, file, expected, "", rows))
+
+
+def _differing(h5py: Any, place: Any, group: Group, path: str, rows: int) -> Iterator[str]:
+    """Yield what differs below a group that is in the very file."""
+    for name, value in group.attributes.items():
+        if not _same_attribute(place, name, value):
+            yield f"{path}: {name}"
+    known = {*group.members, *(() if path else ("texts",))}
+    for name in sorted(known ^ set(place)):
+        yield f"{path}/{name}"
+    for name, member in group.members.items():
+        if name not in place:
+            continue
+        own = f"{path}/{name}"
+        is_here = isinstance(place.get(name, getlink=True), h5py.HardLink)
+        kind = h5py.Group if isinstance(member, Group) else h5py.Dataset
+        if not is_here or place.get(name, getclass=True) is not kind:
+            yield own
+        elif isinstance(member, Group):
+            yield from _differing(h5py, place[name], member, own, rows)
+        elif not _same_data(place[name], member, rows):
+            yield own
+
+
+def _same_data(data: Any, expected: Data, rows: int) -> bool:
+    """Return whether a dataset has these values and this unit; nothing larger is read."""
+    values = expected.values
+    shape = np.shape(values)
+    if data.shape != shape or data.chunks or data.external or data.is_virtual:
+        return False  # a chunk may inflate to any size
+    if not _same_attribute(data, "units", expected.units):
+        return False
+    if isinstance(values, np.ndarray):
+        return data.dtype == values.dtype and _close(data[()], values)
+    if data.dtype.kind != "O":
+        return False
+    texts = data.asstr()
+    # a forged row may be as long as the file
+    starts = range(0, len(values), rows)
+    return all(list(texts[i : i + rows]) == values[i : i + rows] for i in starts)
+
+
+def _same_attribute(place: Any, name: str, expected: Any) -> bool:
+    if name not in place.attrs or place.attrs.get_id(name).shape != np.shape(expected):
+        return False
+    found = place.attrs[name]
+    if isinstance(expected, float):
+        return isinstance(found, float) and _close(found, expected)
+    return bool(np.all(found == expected))
+
+
+def _close(found: Any, expected: Any) -> bool:
+    return np.allclose(found, expected, rtol=_SAME_RTOL, atol=0.0, equal_nan=True)
+
+
+_SAME_RTOL = 1e-9  # another machine rounds otherwise
+
+
+# --- the seal ---
 
 
 def check_seal(path: Path) -> None:

@@ -1,6 +1,7 @@
 """The reference of gaps: the shortest motion known for a problem, and the proved lower bound.
 
     references(trials)      # by the problem's digest
+    durations(trials)       # of these, s
     improvements(trials)    # answers that are better than the best known
 
 Durations are in seconds, and NaN is what does not exist.
@@ -18,7 +19,7 @@ from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROOF, REFERENCES
-from trajopt.views.analysis.versions import by_problem
+from trajopt.views.analysis.versions import by_problem, newest
 
 Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
 
@@ -60,6 +61,12 @@ def references(trials: Iterable[Trial]) -> dict[str, Reference]:
         if not isnan(reference.duration):
             found[digest] = reference
     return found
+
+
+def durations(trials: Iterable[Trial]) -> dict[str, float]:
+    """Return the reference's duration of every problem, s, by its digest, of newest trials."""
+    found = references(newest(trials).trials)
+    return {digest: reference.duration for digest, reference in found.items()}
 
 
 def improvements(trials: Iterable[Trial]) -> list[Trial]:

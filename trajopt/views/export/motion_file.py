@@ -24,6 +24,7 @@ from trajopt.formats import joint_trajectory, on_cycle, samples_csv
 from trajopt.formats.on_cycle import OnCycle
 from trajopt.formats.samples import Samples
 from trajopt.judging.verification import Certificate, verify
+from trajopt.views.analysis.gap_reference import durations
 
 Points = Literal["breaks", "cycles"]
 
@@ -139,7 +140,7 @@ def write(
     if target.executed:
         return _write_executed(target, trial)
     if target.path.suffix == ".h5":
-        save(target.path, trial)
+        save(target.path, trial, durations)
     elif target.path.suffix == ".json":
         text = _exact(trial)
         atomic.write(target.path, lambda file: file.write_text(text, encoding="utf-8"))
