@@ -24,7 +24,8 @@ from trajopt.benchmark.store import fields
 from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.store.fields import FIELDS, Field
 from trajopt.benchmark.trial import Trial
-from trajopt.core.problem import LIMIT_ORDERS, Problem
+from trajopt.core.limits import LIMIT_ORDERS
+from trajopt.core.problem import Problem
 from trajopt.judging.verification import RATIO_KINDS
 
 References = Callable[[Sequence[Trial]], Mapping[str, float]]
