@@ -14,7 +14,7 @@ from trajopt.benchmark.store.folder import Store, Unheld, read
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
-from trajopt.views.analysis.results import Results
+from trajopt.views.results import Results
 
 
 @pytest.fixture(autouse=True)

@@ -104,7 +104,7 @@ def _computed(then: Trial) -> Judged:
         if word != proofs.PROVED_AGAIN:
             differences += unproved or [f"lower bound: {word}"]
             now = replace(now, solution=replace(now.solution, lower_bound=_proved(then)))
-    return Judged(now if differences else then, tuple(differences))
+    return Judged(now, tuple(differences))
 
 
 def _proved(trial: Trial) -> float | None:
