@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from trajopt.core.out_of_scope import SCOPE
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -28,3 +30,8 @@ def test_the_commands_that_ci_runs_are_there() -> None:
 def test_the_pictures_exist() -> None:
     for picture in re.findall(r"!\[.*?\]\((.*?)\)", README):
         assert (ROOT / picture).is_file(), picture
+
+
+def test_the_scope_is_that_of_the_help() -> None:
+    [scope] = re.findall(r"<!-- scope -->\n(.*?)<!-- end of scope -->", README, flags=re.DOTALL)
+    assert " ".join(scope.replace("**", "").split()) == SCOPE

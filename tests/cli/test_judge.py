@@ -59,7 +59,11 @@ def test_an_infeasible_motion_ends_with_1_and_says_what_mends_it(run):
     code, out, _ = run("judge fast.csv p.toml")
     assert code == 1
     assert "not feasible" in out
-    assert "Slowed down 2.000000 times it keeps every limit." in out
+    assert "Slowed down 2.000000 times, to 2.000000 s, it keeps every limit." in out
+    # time by 2: velocities are divided by 2, accelerations by 4
+    assert "multiply the planner's limits: velocity 0.5000, acceleration 0.2500" in " ".join(
+        out.split()
+    )
     assert "4.000000 of limit" in out
 
 
@@ -88,7 +92,7 @@ def test_straight_lines_are_told_what_would_help(run):
 def test_limits_alone_by_name_or_in_order(run, limits):
     code, out, _ = run("verify fast.csv --limits", limits)
     assert code == 1
-    assert "Slowed down 2.000000 times, to 2.000000 s, it keeps them." in out
+    assert "Slowed down 2.000000 times, to 2.000000 s, it keeps every limit." in out
     code, out, _ = run("verify slow.csv --limits", limits, "--json")
     table = json.loads(out)
     assert code == 0

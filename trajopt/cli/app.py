@@ -17,7 +17,7 @@ import cyclopts
 import trajopt
 from trajopt.cli import STOPPED, console
 from trajopt.core.exceptions import FileNote, TrajoptError, UnitWarning, nearest
-from trajopt.core.out_of_scope import out_of_scope
+from trajopt.core.out_of_scope import SCOPE, out_of_scope
 
 _OVERWRITTEN = (
     "another distribution, trajopt, has overwritten a part of mintime: uninstall it "
@@ -26,10 +26,7 @@ _OVERWRITTEN = (
 app = cyclopts.App(
     name="trajopt",
     help="How far from optimal is a robot trajectory planner? Exact minimum-time references, "
-    "every answer verified.\n\n"
-    "In scope: waypoints in a fixed order, passed exactly, from rest to rest; limits of velocity, "
-    "acceleration, jerk and position per joint; motions as a controller executes them. "
-    "Not in scope: obstacles, torques, tool speed, orientation.",
+    "every answer verified.\n\n" + SCOPE,
     version_flags=["--version"],
     help_format="plaintext",
     default_parameter=cyclopts.Parameter(negative=()),  # no --no-force, no --empty-planner

@@ -13,6 +13,11 @@ from trajopt.explain.references import THROUGH_WAYPOINTS
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
 
+ADD_JERK_LIMITS = (
+    "without them acceleration jumps. Add jerk limits (rad/s³) to the problem file, or max_jerk "
+    "to joint_limits.yaml."
+)
+
 
 def sentences(found: Best) -> Iterator[str]:
     """Describe the planner, the quality of its answer, its saving, and missing jerk limits."""
@@ -22,10 +27,7 @@ def sentences(found: Best) -> Iterator[str]:
         return
     yield f"{_planner(found.trial)} {_quality(found, duration)} {_saving(found, duration)}"
     if not problem.has("jerk"):
-        yield (
-            "A real controller wants jerk limits too: without them acceleration jumps. Add jerk "
-            "limits (rad/s³) to the problem file, or max_jerk to joint_limits.yaml."
-        )
+        yield f"A real controller wants jerk limits too: {ADD_JERK_LIMITS}"
 
 
 def _planner(trial: Trial) -> str:

@@ -94,9 +94,20 @@ def _sentences(trial: Trial, found: Explanation, *, median: bool) -> Iterator[st
     return sentences(f"{trial.label}{run}", trial.problem, found)
 
 
-def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[str]:
-    """Explain the gap of a motion in five sentences."""
-    what = f"{subject} takes {found.certified_duration:.4f} s on {problem.name}"
+def sentences(
+    subject: str, problem: Problem, found: Explanation, *, slowed: bool = False
+) -> Iterator[str]:
+    """Explain the gap of a motion in a few sentences.
+
+    Args:
+        subject: The motion's name.
+        problem: What it was planned for.
+        found: The parts of its gap.
+        slowed: Whether the motion breaks limits, so that it is explained slowed down to them.
+    """
+    slower = "slowed down to the limits it " * slowed
+    what = f"{subject}: {slower}" if slowed else f"{subject} "
+    what += f"takes {found.certified_duration:.4f} s on {problem.name}"
     if found.exact is None or found.gap is None:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
     else:
@@ -106,7 +117,8 @@ def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[st
         yield f"{what}, {1 + found.gap:.3f} times the best known optimum, {known}."
     steps = found.steps()
     yield _path_and_timing(found, dict(steps.get("path and timing", ())))
-    yield _family(found, dict(steps.get("the 3-5-3 family", ())))
+    if "the 3-5-3 family" in steps:
+        yield _family(found, dict(steps["the 3-5-3 family"]))
     yield _share_at_limits(problem, found)
     yield _active_limits(problem, found)
 
@@ -122,8 +134,6 @@ def _path_and_timing(found: Explanation, step: dict[str, float]) -> str:
 
 
 def _family(found: Explanation, step: dict[str, float]) -> str:
-    if not step:
-        return f"No 3-5-3 decomposition: {found.notes.get('shape_gap')}."
     optimiser = _percent(found.optimiser_gap)
     shape = _percent(found.shape_gap)
     smoothness = _percent(found.smoothness_gap)
@@ -154,11 +164,10 @@ def _active_limits(problem: Problem, found: Explanation) -> str:
     longest = _longest(found.active_limits)
     costly = [interval for interval in longest if _saving(interval) > least]
     if not costly:
-        return "It reaches limits, but no single one of them is worth any time."
+        return "It reaches limits, but a higher one alone would save no time."
     costly.sort(key=_saving, reverse=True)
     held = ", ".join(_said(problem, interval) for interval in costly[:3])
-    how = found.notes["worth"]
-    return f"Held back by {held}. In brackets: what 1 % more of that limit would save, by {how}."
+    return f"Held back by {held}. In brackets: time saved if this limit were 1 % higher."
 
 
 def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:

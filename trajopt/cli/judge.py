@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from math import floor
 from pathlib import Path
 from typing import Annotated
 
@@ -71,7 +72,8 @@ def judge(
         return 0 if found.kept else 1
     _print(found)
     if explanation is not None:
-        for sentence in sentences(found.motion.name, found.problem, explanation):
+        slowed = found.certificate.dilation > 1 and not found.certificate.feasible
+        for sentence in sentences(found.motion.name, found.problem, explanation, slowed=slowed):
             console.paragraph(f"- {sentence}")
     for sentence in _better_than_recorded(found, motion):
         console.paragraph(sentence)
@@ -109,14 +111,14 @@ def _verdict(found: Judgement) -> Iterator[str]:
     certificate = found.certificate
     kind = found.motion.interpolation
     if kind == "polynomial":
-        yield "Executed as the polynomials that it is."
+        yield "Executed as its own polynomials."
     else:
         pieces = len(found.trajectory.lengths)
         yield f"Executed with {pieces} {kind} pieces between its samples."
     if certificate.flaws:
         yield from unmendable(certificate, kind)
     elif certificate.dilation > 1 and not certificate.feasible:
-        yield f"Slowed down {certificate.dilation:.6f} times it keeps every limit."
+        yield slower(certificate)
     elif certificate.dilation < 1:
         yield f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
     if found.tolerance_needed:
@@ -125,6 +127,21 @@ def _verdict(found: Judgement) -> Iterator[str]:
             f"{found.problem.shared_unit()}: "
             "judged, and compared, through the points that it passes."
         )
+
+
+def slower(certificate: Certificate) -> str:
+    """Say how much slower the motion keeps every limit, also as a planner's scaling factors."""
+    duration = certificate.dilation * certificate.duration
+    factors = {
+        kind: floor(1e4 / certificate.dilation**order + 1e-5) / 1e4  # rounded down
+        for order, kind in enumerate(("velocity", "acceleration", "jerk"), start=1)
+        if getattr(certificate, kind) is not None
+    }
+    scaled = ", ".join(f"{kind} {factor:.4f}" for kind, factor in factors.items())
+    return (
+        f"Slowed down {certificate.dilation:.6f} times, to {duration:.6f} s, it keeps every limit. "
+        f"To plan it again, multiply the planner's limits: {scaled}."
+    )
 
 
 def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:

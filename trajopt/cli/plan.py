@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,7 +15,7 @@ from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
-from trajopt.cli.best_words import sentences
+from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -81,7 +81,7 @@ def plan(
     table = names | trial.as_dict() | (found.as_dict() if found else {})
     if not json:
         print_trial(trial, problem)
-        for sentence in sentences(found) if found else ():
+        for sentence in sentences(found) if found else _without_jerk(trial):
             console.paragraph(sentence)
     code = 0 if trial.is_answered else 1
     if target is not None and not trial.certified_trajectory and target.path.suffix != ".h5":
@@ -98,6 +98,12 @@ def plan(
     if json:
         console.print_json(table)
     return code
+
+
+def _without_jerk(trial: Trial) -> Iterator[str]:
+    """Say that a planner of jerk-limited motions was given no jerk limits."""
+    if trial.planner == "exact-jerk" and not trial.problem.has("jerk"):
+        yield f"{trial.problem.name} has no jerk limits: {ADD_JERK_LIMITS}"
 
 
 def _cycle(cycle: float | None, rate: float | None) -> float:

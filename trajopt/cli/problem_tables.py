@@ -37,7 +37,7 @@ def _comparison(lines: Sequence[Line]) -> Grid:
     table = console.table("planner", numbers=numbers, title=title)
     for line in lines:
         own = table_cells.of_summary(line)
-        if line.dilation > 1:
+        if own["dilation"] != table_cells.MISSING:
             own["kept"] += f" {own['dilation']}"
         shown = [own[name] for name in _CELLS]
         table.row(
@@ -69,13 +69,13 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
     first = lines[0]
     runs = max(line.runs for line in lines)
     seeds = f"Up to {runs} seeds. " * (runs > 1)
-    sentences = [f"{seeds}Durations are the verifier's: claimed × max(1, dilation)."]
+    sentences = [f"{seeds}Motions that break a limit count with the time they need slowed down."]
     if first.kind is not None:
         sentences.append(table_cells.reference(first))
     if readings:
         sentences.append(f"Reading of the paper: {readings}.")
     sentences.append(
-        "Kept limits: share of runs within every limit as claimed; × the slow-down\n"
-        "that the others need, their median."
+        "Kept limits: share of runs within every limit as claimed; × 1.33: the others\n"
+        "must be slowed by this (median)."
     )
     return "\n".join(sentences)

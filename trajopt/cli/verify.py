@@ -16,7 +16,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, kinds
 from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.console import Grid
-from trajopt.cli.judge import unmendable
+from trajopt.cli.judge import slower, unmendable
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.cli.plan import print_worst
 from trajopt.core.arm_file import arm_files
@@ -46,9 +46,9 @@ def verify(
     Limits are a robot's (--robot, --urdf, and --limits joint_limits.yaml over it); --limits alone
     takes a robot's or a problem's name too.
 
-    A motion needs no waypoints: told are its peaks as a controller runs it, the slow-down that it
-    needs, and how fast it may run at most. Where no joint has an acceleration limit, velocities
-    and positions alone are judged, and a line says so.
+    A motion needs no waypoints. The answer is its peaks as a controller runs it, and how much
+    slower it must run, or how much faster it may. Where no joint has an acceleration limit, only
+    velocities and positions are judged, and a line says so.
 
     Args:
         path: Results folder or results.h5; or a motion's file.
@@ -178,7 +178,7 @@ def _mended(certificate: Certificate, interpolation: str) -> Iterator[str]:
         faster = 1 / certificate.dilation
         yield f"Time-scaled it could run {faster:.6f} times as fast, in {fastest:.6f} s."
     else:
-        yield f"Slowed down {certificate.dilation:.6f} times, to {fastest:.6f} s, it keeps them."
+        yield slower(certificate)
 
 
 def _print(found: Verification) -> None:

@@ -1,9 +1,14 @@
-"""Keys and options of other tools, with a sentence for each: it is not here, what is nearest."""
+"""What is in scope; and keys and options of other tools, each with what comes nearest here."""
 
 from __future__ import annotations
 
 import re
 
+SCOPE = (
+    "In scope: waypoints in a fixed order, passed exactly, from rest to rest, on any path between "
+    "them; limits of velocity, acceleration, jerk and position per joint; motions as a controller "
+    "executes them. Not in scope: obstacles, torques, tool speed, orientation."
+)
 # An expression of words (`max_torque`, `tcp_speed`), and the sentence for whoever writes one.
 _ELSEWHERE = {
     r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (

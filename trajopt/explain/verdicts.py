@@ -46,10 +46,10 @@ class Verdict(StrEnum):
 
 
 MEANINGS = {
-    Verdict.IMPOSSIBLE: "below a proved lower bound: no motion does it under these limits",
-    Verdict.UNPROVED: "below the best known, but not refuted",
-    Verdict.EQUAL: "the best known, to the digits printed",
-    Verdict.ABOVE: "above the best known",
+    Verdict.IMPOSSIBLE: "shorter than a proved lower bound: no motion does it under these limits",
+    Verdict.UNPROVED: "shorter than the best known motion; no proof refutes it",
+    Verdict.EQUAL: "as long as the best known motion, to the digits printed",
+    Verdict.ABOVE: "longer than the best known motion",
     Verdict.OPEN: "nothing is known to compare it with",
 }
 

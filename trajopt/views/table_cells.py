@@ -5,12 +5,14 @@ A row is one of a frame of `Results`: of `summary`, `planners`, `paired` or `bet
 
 from __future__ import annotations
 
-from math import floor, isinf, isnan, log10
+from math import isinf, isnan
 from typing import Any
 
 MISSING = "–"
+TO_ROUNDING = "to rounding"  # in place of a share of runs that kept every limit
 NO_ANSWER = "none"  # in place of an infinite gap or duration
 _ZERO = 5e-5  # a ratio minus 1 that is 0.00 %
+ROUNDING = 1e-4  # a dilation minus 1 below it is no broken limit
 SMALLEST_P = 0.001  # smaller ones are less than it
 
 Cells = dict[str, str]
@@ -47,12 +49,18 @@ def probability(value: float) -> str:
 
 
 def dilation(ratio: float) -> str:
-    """A dilation above 1: four decimals, or three digits of what it exceeds 1 by."""
-    if not ratio > 1:
-        return MISSING
-    power = floor(log10(ratio - 1))
-    digits = max(4, 2 - power)
-    return f"×{ratio:.{digits}f}"
+    """A dilation of more than rounding."""
+    return f"× {ratio:.4f}" if ratio >= 1 + ROUNDING else MISSING
+
+
+def kept(share: float, needed: float) -> str:
+    """The share of runs that kept every limit, or that all did to rounding.
+
+    Args:
+        share: Of the runs that kept every limit as claimed.
+        needed: Median dilation of the others; NaN where there are none.
+    """
+    return TO_ROUNDING if 1 < needed < 1 + ROUNDING else f"{100 * share:.0f} %"
 
 
 def of_summary(row: Any) -> Cells:
@@ -62,7 +70,7 @@ def of_summary(row: Any) -> Cells:
     several = moves and row.runs > 1
     return {
         "solved": f"{row.solved} of {row.runs}",
-        "kept": f"{100 * row.kept:.0f} %" if moves else MISSING,
+        "kept": kept(row.kept, row.dilation) if moves else MISSING,
         "median": number(row.median) if moves else without,
         "quartiles": f"{row.q1:.4f}–{row.q3:.4f}" if several else MISSING,
         "gap": gap(row.gap),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -429,7 +430,9 @@ def test_the_first_to_compare_with_answers_on_most_problems() -> None:
 
 def test_how_far_limits_are_missed_is_said_to_three_digits() -> None:
     said = [table_cells.dilation(ratio) for ratio in (2.5, 1.03, 1.0000122, 1 + 4.6e-9)]
-    assert said == ["×2.5000", "×1.0300", "×1.0000122", "×1.00000000460"]
+    assert said == ["× 2.5000", "× 1.0300", "–", "–"]
+    kept = [table_cells.kept(0.0, ratio) for ratio in (1.03, 1.0000122, 1 + 4.6e-9, math.nan)]
+    assert kept == ["0 %", "to rounding", "to rounding", "0 %"]
 
 
 def test_groups_are_families_of_names_and_kinds_of_limits() -> None:

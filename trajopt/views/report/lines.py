@@ -43,8 +43,8 @@ def of_row(row: Any) -> dict[str, Cell]:
     values["quartiles"] = row.q3 - row.q1
     found = {}
     for name, text in table_cells.of_summary(row).items():
-        has_number = any(map(str.isdigit, text))
-        found[name] = Cell(text, values[name]) if has_number else Cell(table_cells.MISSING)
+        ranked = text == table_cells.TO_ROUNDING or any(map(str.isdigit, text))
+        found[name] = Cell(text, values[name]) if ranked else Cell(table_cells.MISSING)
     return found
 
 
@@ -93,11 +93,14 @@ def over_all(row: Any) -> dict[str, Any]:
     runs = row.solved + row.failed
     kept = round(row.kept * row.solved) if row.solved else 0
     own = table_cells.of_planner(row)
+    shown = _share(kept, runs)
+    if table_cells.kept(row.kept, row.dilation) == table_cells.TO_ROUNDING:
+        shown |= {"text": table_cells.TO_ROUNDING, "interval": ""}
     return {
         "problems": row.problems,
         "runs": runs,
         "solved": _share(row.solved, runs),
-        "kept": _share(kept, runs),
+        "kept": shown,
         "dilation": table_cells.dilation(row.dilation),
         **{name: own[name] for name in ("gap", "worst", "rank", "time")},
     }
