@@ -1,9 +1,10 @@
 """The best spline of a family through the waypoints, by CasADi/IPOPT.
 
 Variables are the times of the pieces and their Bernstein coefficients; where the pieces join, and
-rest at both ends, are linear constraints on these (`baselines.spline_family`). Limits hold at every
-instant: they are imposed at a few instants of each piece and joint, the true worst ones of the
-answer replace the least active ones, and the solver runs again until no limit is broken in between.
+rest at both ends, are linear constraints on these (`trajopt.planners.spline_family`). Limits hold
+at every instant: they are imposed at a few instants of each piece and joint, the true worst ones of
+the answer replace the least active ones, and the solver runs again until no limit is broken in
+between.
 The answer is dilated by its exact factor, which by then is 1 to rounding. No dilation mends a
 position: only answers that keep those limits count.
 
@@ -22,10 +23,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from baselines import spline_family
 from baselines.ipopt import Program, flat, no_start_succeeded, program, unflat
 from baselines.sizes import announce, cells
-from baselines.spline_family import Family
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
@@ -33,8 +32,10 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners import spline_family
 from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
+from trajopt.planners.spline_family import Family
 
 _OPTIONS = {
     "tol": 1e-11,

@@ -2,7 +2,8 @@
 
 A page is a session: its blocks run in order in one folder, which holds the files that pages name.
 A comment before a block says what is special: `<!-- exit 1 -->` is how its last command ends (the
-others end with 0), and `<!-- not run: reason -->` says who runs it.
+others end with 0), `<!-- needs MODULE -->` is for where that is installed, and
+`<!-- not run: reason -->` says who runs it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib as mpl
@@ -131,6 +133,8 @@ def test_the_blocks_of_a_page_run(page, folder, capsys):
     names = {"__name__": "__main__"}
     for remark, language, name, content in blocks(page):
         if name or remark in BY_CI or remark.startswith("not run"):
+            continue
+        if remark.startswith("needs ") and find_spec(remark.removeprefix("needs ")) is None:
             continue
         if language == "python":
             exec(compile(content, page.name, "exec"), names)

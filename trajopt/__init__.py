@@ -8,6 +8,8 @@ if TYPE_CHECKING:
 
     from trajopt.benchmark.best_planner import plan as plan
     from trajopt.benchmark.judgement import judge as judge
+    from trajopt.benchmark.objective import objective as objective
+    from trajopt.benchmark.suites.catalogue import load as problem  # noqa: F401
     from trajopt.comparison import compare as compare
     from trajopt.core.exceptions import InvalidInput as InvalidInput
     from trajopt.core.exceptions import InvalidTrajectory as InvalidTrajectory
@@ -53,7 +55,9 @@ _MODULE = {
     "WrongType": "core.exceptions",
     "compare": "comparison",
     "judge": "benchmark.judgement",
+    "objective": "benchmark.objective",
     "plan": "benchmark.best_planner",
+    "problem": "benchmark.suites.catalogue:load",
     "verify": "judging.verification",
     "write": "views.export.motion_file",
 }
@@ -70,8 +74,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'trajopt' has no attribute {name!r}")
     from importlib import import_module
 
-    module = import_module(f"trajopt.{_MODULE[name]}")
-    return getattr(module, name)
+    module, _, other_name = _MODULE[name].partition(":")
+    return getattr(import_module(f"trajopt.{module}"), other_name or name)
 
 
 def __dir__() -> list[str]:

@@ -185,7 +185,7 @@ def quadratic_roots(a: Array, b: Array, c: Array) -> Array:
         discriminant = b * b - 4 * a * c
         root = np.copysign(np.sqrt(discriminant), b)
         q = -0.5 * (b + root)
-        return np.array([q / a, c / q])
+        return np.stack([q / a, c / q])
 
 
 _NEAR_ZERO = 1e-3  # of `c`, for `a s²`: the largest root has at least a third of it

@@ -354,15 +354,17 @@ def _joints_first(values: Array, axes: int) -> Array:
 
     The candidates, of which there are many, then lie side by side in memory.
     """
-    array = np.asarray(values, dtype=float)
+    # an array stays what it is: it may be a record of symbols (`trajopt.planners.compiled`)
+    array = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=float)
     missing = (1,) * (axes - array.ndim)
     padded = array.reshape(missing + array.shape)
     ordered = padded.transpose(axes - 1, axes - 2, *range(axes - 2))
-    return np.ascontiguousarray(ordered)
+    return ordered.copy()
 
 
 def _stacked(*controls: Array) -> Array:
-    table = np.empty((len(controls), *np.broadcast(*controls).shape))
+    shape = (len(controls), *np.broadcast(*controls).shape)
+    table = np.empty_like(controls[0], shape=shape)
     for row, control in enumerate(controls):
         table[row] = control
     return table
@@ -463,7 +465,7 @@ def _linear_roots(controls: Array) -> Array:
     """Roots of Bernstein lines `(2, N)`: `(1, N)`, NaN or infinite without a root."""
     b0, b1 = controls
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(b0 / (b0 - b1))[None]
+        return (b0 / (b0 - b1))[None]
 
 
 def _quadratic_roots(controls: Array) -> Array:

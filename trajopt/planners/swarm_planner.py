@@ -6,9 +6,8 @@ leaving one counts as breaking any other does (docs/mathematics.md, section 2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import reduce
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -18,11 +17,14 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
+from trajopt.planners.compiled import compiled
 from trajopt.planners.planner import Planner, expanded, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
 from trajopt.planners.swarm.optimiser import added, check_choices, require
+from trajopt.planners.timing import Timing
 
 if TYPE_CHECKING:
     from numpy.random import SeedSequence
@@ -149,11 +151,13 @@ class SwarmPlanner(Planner):
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class Group(Timing):
     """Joints with common segment times, between `low` and `high`, s.
 
     `displacements` `(joints, 3)`, `limits` and `room` (None without position limits) are theirs.
     """
+
+    variables = 3
 
     displacements: Array
     limits: Limits
@@ -162,41 +166,44 @@ class Group:
     high: float
 
     @classmethod
-    def of(cls, problem: Problem, joints: Indices, planner: SwarmPlanner) -> Group:
-        """Build the group of joints that move, with the box of a planner's options."""
+    def of(cls, problem: Problem, joints: Indices, lower: float, upper: float) -> Group:
+        """Build the group of these joints, which move, with the box of a planner's options."""
         own = problem.only(joints)
         displacements = own.displacements.T
         longest = stop_times(own.without("position")).max()
-        high = planner.upper * longest
+        high = upper * longest
         room = spline353.position_room(own)
         if room is not None:
             times = spline353.keeping_times(displacements, own.limits, room, longest)
             # the best spline's longest outer time may be longer still
             high = max(high, 2 * times.max())
-        return cls(displacements, own.limits, room, low=planner.lower * high, high=high)
+        return cls(displacements, own.limits, room, low=lower * high, high=high)
 
-    @property
-    def ceiling(self) -> float:
-        """The longest duration in the box, s: a fitness above it breaks a limit."""
-        return self.high + self.high + self.high
+    def uses(self, times: Array, exact_above: float = 0.0) -> tuple[Array, ...]:
+        return spline353.limit_use(self.displacements, times[:, None], self.limits, exact_above)
 
-    @property
-    def above_any(self) -> float:
-        """Above every duration in the box."""
-        return float(np.nextafter(self.ceiling, np.inf))
+    def outside(self, times: Array) -> Array | None:
+        if self.room is None:
+            return None
+        return spline353.position_excess(self.displacements, times[:, None], self.room)
 
-    def penalty(self, times: Array) -> Array:
-        """Deb's rule as one number, for candidates `(N, 3)`, s: `(N,)`.
+    def trajectory(self, problem: Problem, times: Array) -> Trajectory:
+        return spline353.trajectory(problem, times)
 
-        The duration; or more than every duration in the box, by the violation of the limits.
-        """
-        uses = spline353.limit_use(self.displacements, times[:, None], self.limits, exact_above=1.0)
-        excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
-        if self.room is not None:
-            excesses.append(self._outside(times, self.room))
-        excess = added(reduce(np.add, excesses))
-        beyond = self.above_any + excess
-        return np.where(excess > 0, beyond, added(times))
+    def fast(self, fitness: str) -> Callable[[Array], Array]:
+        """Return `penalty` or `scaled`, compiled but for position limits that are broken."""
+        whole: Callable[[Array], Array] = getattr(self, fitness)
+        compiled_one = compiled(getattr(replace(self, room=None), fitness), self.variables)
+
+        def values(times: Array) -> Array:
+            found = np.array([compiled_one(candidate) for candidate in times])
+            outside = self.outside(times)
+            if outside is not None:
+                broken = added(outside) > 0
+                found[broken] = whole(times[broken])
+            return found
+
+        return values
 
     def penalty_below(self, times: Array, incumbent: Array) -> Array:
         """`penalty` where it is below the incumbent `(N,)`; elsewhere no less than that."""
@@ -206,8 +213,8 @@ class Group:
         (shorter,) = (duration < incumbent).nonzero()
         keeps = spline353.keeps_limits(self.displacements, times[shorter], self.limits)
         within = shorter[keeps]
-        if self.room is not None:
-            outside = self._outside(times[within], self.room)
+        outside = self.outside(times[within])
+        if outside is not None:
             within = within[added(outside) == 0]
         value[within] = duration[within]
         # The size of a violation matters only to incumbents that violate a limit themselves.
@@ -215,24 +222,6 @@ class Group:
         if broken.any():
             value[broken] = self.penalty(times[broken])
         return value
-
-    def scaled(self, times: Array) -> Array:
-        """The duration once dilated to the limits; Deb's rule for position limits."""
-        duration = self.dilation(times) * added(times)
-        if self.room is None:
-            return duration
-        excess = added(self._outside(times, self.room))
-        # Only candidates that keep their position limits are below `above_any`.
-        beyond = np.maximum(duration, self.above_any) * (1.0 + excess)
-        return np.where(excess > 0, beyond, duration)
-
-    def dilation(self, times: Array) -> Array:
-        """The cheapest dilation to the limits, of candidates `(N, 3)`: `(N,)`."""
-        return spline353.dilation(self.displacements, times[:, None], self.limits)
-
-    def _outside(self, times: Array, room: Array) -> Array:
-        """Excess of each joint over its position limits, `(N, joints)`."""
-        return spline353.position_excess(self.displacements, times[:, None], room)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +244,7 @@ class SegmentTimes:
         together = [joints]
         if planner.timing == "per-joint":
             together = list(joints[:, None])
-        groups = [Group.of(problem, own, planner) for own in together]
+        groups = [Group.of(problem, own, planner.lower, planner.upper) for own in together]
         return cls(planner, joints, tuple(groups))
 
     @property

@@ -65,7 +65,16 @@ def find(name_or_path: str) -> Path | None:
 
 
 def load(name_or_path: str) -> Problem:
-    """Return a problem by name or path; errors name the file, key, joint and value."""
+    """Return a problem by its built-in name, or read its file.
+
+    Args:
+        name_or_path: `six-axis`, the name of a suite's problem (`robots-ur5e-w4`), or a path, which
+            has a dot or a slash.
+
+    Raises:
+        UnknownName: There is no such problem; names those that exist.
+        InvalidInput: The file does not exist, or its own errors: file, key, joint and value.
+    """
     file = find(name_or_path)
     if file is None:
         return _made(name_or_path)

@@ -33,6 +33,8 @@ Controls = Sequence[Any] | Array  # of one piece: numbers, rows of joints or sym
 
 _LOWEST_DEGREE = 3
 _HIGHEST_DEGREE = 9
+# Rounding of a position, relative to the joint's span.
+POSITION_RTOL = 1e-12
 # Derivatives that are continuous where pieces join.
 SMOOTH_ORDERS = (1, 2)
 # Largest ratio of the weights of two pieces' bending.

@@ -1,0 +1,159 @@
+"""The timing of a spline as a function to minimise, for any optimiser.
+
+f = trajopt.objective("six-axis")
+f(f.low + 0.4 * (f.high - f.low))                                # one candidate: a number
+f(np.random.default_rng(0).uniform(f.low, f.high, (1000, 3)))    # 1000 of them: (1000,)
+trajopt.judge("six-axis", f.trajectory(best))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trajopt.core.arrays import Array
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners import spline353
+from trajopt.planners.swarm_planner import Group
+from trajopt.planners.timing import FamilyTiming, Timing
+
+Fitness = Literal["penalty", "scaled"]
+
+CLOSED_FORM = "3-5-3"
+"""The shape that is compiled."""
+
+# The box of the swarms: its upper end over the longest stop-to-stop time, its lower over its upper.
+UPPER = 4.0
+LOWER = 1e-3
+
+
+class Objective:
+    """The fitness of segment times, s; the optimiser is yours.
+
+    Called with one candidate `(variables,)` it returns a number, with many `(n, variables)` an
+    array `(n,)`, s. A candidate outside the box counts as the nearest one inside, and one that is
+    not finite as infinite.
+
+    Attributes:
+        problem: Whose motion is timed.
+        shape: The degrees of the spline's pieces.
+        fitness: `penalty`: the duration, or more than any duration in the box if a limit is broken;
+            `scaled`: the duration once dilated to the limits.
+        low, high: The box, `(variables,)`, s.
+        variables: Number of times.
+        ceiling: The longest duration in the box, s: whatever is above breaks a limit.
+        evaluations: Candidates evaluated so far; may be set.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        shape: str = CLOSED_FORM,
+        fitness: Fitness = "penalty",
+        *,
+        lower: float = LOWER,
+        upper: float = UPPER,
+    ) -> None:
+        """Take the arguments of `trajopt.objective`, and the box of the swarms' options."""
+        choices = get_args(Fitness)
+        if fitness not in choices:
+            raise InvalidInput("fitness", " or ".join(map(repr, choices)), value=fitness)
+        reason = unsupported(problem, str(shape))
+        if reason is not None:
+            raise InvalidInput("shape", f"one for this problem: {reason}", value=shape)
+        self.problem = problem
+        self.shape = str(shape)
+        self.fitness = fitness
+        self._merged, self._index = problem.merged()
+        self._timing = _timing(self._merged, self.shape, lower, upper)
+        self.variables = self._timing.variables
+        self.low = np.full(self.variables, self._timing.low)
+        self.high = np.full(self.variables, self._timing.high)
+        self.ceiling = self._timing.ceiling
+        self.evaluations = 0
+
+    def __call__(self, times: ArrayLike) -> Any:
+        """Return the fitness of one candidate, or of many.
+
+        Raises:
+            InvalidInput: The times have another shape.
+        """
+        candidates = self._checked(times)
+        rows = candidates.reshape(-1, self.variables)
+        if not len(rows):
+            return np.empty(0)
+        self.evaluations += len(rows)
+        inside = self._inside(rows)
+        finite = np.isfinite(rows).all(axis=1)
+        if not finite.all():
+            inside[~finite] = self.high
+        values = np.where(finite, self._values(inside), np.inf)
+        return values if candidates.ndim == 2 else values.item()
+
+    def trajectory(self, times: ArrayLike) -> Trajectory:
+        """Return the motion of one candidate `(variables,)`, to be judged.
+
+        Raises:
+            InvalidInput: The times have another shape, or are not finite.
+        """
+        candidate = self._checked(times)
+        if candidate.ndim != 1 or not np.isfinite(candidate).all():
+            right = f"one candidate of {self.variables} finite times, s"
+            raise InvalidInput("times", right, value=candidate.tolist())
+        inside = self._inside(candidate)
+        if self.fitness == "scaled":
+            inside = inside * self._timing.dilation(inside[None])
+        motion = self._timing.trajectory(self._merged, inside)
+        return replace(motion, waypoint_times=motion.waypoint_times[self._index])
+
+    def __repr__(self) -> str:
+        name = self.problem.name or "a problem"
+        return f"Objective({name}, shape={self.shape!r}, fitness={self.fitness!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is compiled, so that other processes can have a copy."""
+        return {key: value for key, value in vars(self).items() if key != "_values"}
+
+    @cached_property
+    def _values(self) -> Callable[[Array], Array]:
+        return self._timing.fast(self.fitness)
+
+    def _checked(self, times: ArrayLike) -> Array:
+        try:
+            candidates = np.asarray(times, dtype=float)
+        except (TypeError, ValueError):
+            candidates = np.empty(0)
+        if candidates.ndim not in (1, 2) or candidates.shape[-1] != self.variables:
+            right = f"times in seconds, ({self.variables},) or (n, {self.variables})"
+            raise InvalidInput("times", right, value=np.shape(times) or times)
+        return candidates
+
+    def _inside(self, candidates: Array) -> Array:
+        return np.minimum(np.maximum(candidates, self.low), self.high)
+
+
+def unsupported(problem: Problem, shape: str) -> str | None:
+    """Return why no times of a shape can be searched for a problem, or None."""
+    merged, _ = problem.merged()
+    if shape == CLOSED_FORM:
+        return spline353.unsupported(problem) or spline353.infeasible(problem)
+    if not merged.moving.any():
+        return "no joint moves"
+    try:
+        FamilyTiming.of(merged, shape, LOWER, UPPER)
+    except InvalidInput as error:
+        return str(error)
+    return None
+
+
+def _timing(problem: Problem, shape: str, lower: float, upper: float) -> Timing:
+    if shape == CLOSED_FORM:
+        return Group.of(problem, np.flatnonzero(problem.moving), lower, upper)
+    return FamilyTiming.of(problem, shape, lower, upper)
