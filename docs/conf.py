@@ -1,4 +1,4 @@
-"""Sphinx configuration. Build with `sphinx-build -W -n docs docs/_build`."""
+"""Sphinx configuration. Build with `sphinx-build -W docs docs/_build`."""
 
 import sys
 from importlib.metadata import version as version_of

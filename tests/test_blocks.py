@@ -26,7 +26,7 @@ from trajopt.cli import main
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 BY_CI = ("compare", "tests")  # the README's, by .ci/run
-FOLDERS = ("", "how-to", "symptoms", "explanation", "examples/planner-package")
+FOLDERS = ("", "how-to", "symptoms", "explanation", "mathematics", "examples/planner-package")
 PAGES = [ROOT / "README.md", *(page for part in FOLDERS for page in (DOCS / part).glob("*.md"))]
 BLOCK = re.compile(r"^(?:<!-- ((?:(?!-->).)*) -->\n)?```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 COMMAND = re.compile(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", re.M)

@@ -33,7 +33,35 @@ PATHS = re.compile(r"\b(?:docs|data)/[\w./-]*\w\.(?:md|toml|csv|png)\b")
 
 
 def headings() -> set[str]:
-    return set(re.findall(r"^#+ (\d+b?)\. ", MATHEMATICS.read_text(encoding="utf-8"), re.M))
+    """Return the numbers of the sections, on the four pages behind docs/mathematics.md."""
+    pages = (DOCS / "mathematics").glob("*.md")
+    texts = [page.read_text(encoding="utf-8") for page in pages]
+    return {number for text in texts for number in re.findall(r"^#+ (\d+b?)\. ", text, re.M)}
+
+
+def test_every_section_is_found_from_the_page_that_the_code_cites():
+    """A row of its table leads to the page and the heading."""
+    rows = re.findall(
+        r"^\| (\d+\w?) \| \[(.*)\]\((mathematics/[\w-]+\.md)#\1-.*\) \|$",
+        MATHEMATICS.read_text(encoding="utf-8"),
+        re.M,
+    )
+    for number, title, page in rows:
+        text = (DOCS / page).read_text(encoding="utf-8")
+        assert re.search(rf"^#+ {number}\. {re.escape(title)}$", text, re.M)
+    assert {number for number, *_ in rows} >= headings()
+
+
+def test_equations_are_numbered_by_section_without_a_gap():
+    numbers = []
+    for page in (DOCS / "mathematics").glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        for section in re.split(r"^## ", text, flags=re.M)[1:]:
+            own = re.findall(r"\\tag\{(\d+)\.(\d+)\}", section)
+            assert {head for head, _ in own} <= {section.split(".")[0]}
+            assert [int(tail) for _, tail in own] == list(range(1, len(own) + 1))
+            numbers += own
+    assert len(numbers) >= 35
 
 
 def test_sections_are_numbered_without_a_gap():

@@ -1,11 +1,21 @@
-"""Write formulas as MathML, which browsers draw without a script from a network."""
+"""Write formulas as MathML, which browsers draw without a script from a network.
+
+`\\tag{1.2}` numbers an equation, and `(1.2)` in the text of the mathematics is a link to it.
+"""
 
 from __future__ import annotations
+
+import re
 
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.writers.html5 import HTML5Translator
+
+TAG = re.compile(r"\s*\\tag\{([\d.]+)\}\s*$")
+CITED = re.compile(r"\((\d+\.\d+)\)")
+MATHEMATICS = "mathematics"  # the page and the folder whose citations are links
 
 
 def inline(writer: HTML5Translator, node: nodes.math) -> None:
@@ -16,14 +26,54 @@ def inline(writer: HTML5Translator, node: nodes.math) -> None:
 
 def block(writer: HTML5Translator, node: nodes.math_block) -> None:
     """Write a formula on a line of its own, with its number where it has one."""
-    number = f'<span class="eqno">({node["number"]})</span>' if node.get("number") else ""
-    formula = convert(node.astext(), display="block")
-    writer.body.append(f'<div class="math">{number}{formula}</div>')
+    text = node.astext()
+    found = TAG.search(text)
+    number = f'<span class="eqno">({found[1]})</span>' if found else ""
+    place = f' id="{anchor(found[1])}"' if found else ""
+    formula = convert(TAG.sub("", text), display="block")
+    writer.body.append(f'<div class="math numbered"{place}>{formula}{number}</div>')
     raise nodes.SkipNode
 
 
+def anchor(number: str) -> str:
+    """Return the place of an equation in its page."""
+    return f"equation-{number.replace('.', '-')}"
+
+
+def equations(env: BuildEnvironment) -> dict[str, str]:
+    """Return the page of each numbered equation."""
+    found: dict[str, str] = {}
+    for name in env.found_docs:
+        if name.startswith(MATHEMATICS):
+            for node in env.get_doctree(name).findall(nodes.math_block):
+                tag = TAG.search(node.astext())
+                if tag:
+                    found[tag[1]] = name
+    return found
+
+
+def link(app: Sphinx, doctree: nodes.document, name: str) -> None:
+    """Turn `(1.2)` into a link to the equation."""
+    if not name.startswith(MATHEMATICS):
+        return
+    pages = equations(app.env)
+    for text in list(doctree.findall(nodes.Text)):
+        if isinstance(text.parent, (nodes.literal, nodes.math, nodes.math_block)):
+            continue
+        parts: list[nodes.Node] = []
+        for place, part in enumerate(CITED.split(text)):
+            if place % 2 and part in pages:
+                target = app.builder.get_relative_uri(name, pages[part]) + f"#{anchor(part)}"
+                parts.append(nodes.reference("", f"({part})", refuri=target, internal=True))
+            elif part:
+                parts.append(nodes.Text(f"({part})" if place % 2 else part))
+        if len(parts) > 1:
+            text.parent.replace(text, parts)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register both as the page's renderer of formulas."""
+    """Register both as the page's renderer of formulas, and the links."""
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.config.html_math_renderer = "mathml"
+    app.connect("doctree-resolved", link)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
