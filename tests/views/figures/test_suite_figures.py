@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -12,7 +13,16 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from trajopt import InvalidInput, Limits, Problem, Results, Solution, Status, Trajectory
+from trajopt import (
+    InvalidInput,
+    Limits,
+    Problem,
+    Relation,
+    Results,
+    Solution,
+    Status,
+    Trajectory,
+)
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.curves import GAP_FLOOR, anytime, gap_shares, profile
@@ -65,6 +75,65 @@ def test_a_profile_steps_at_the_ratios() -> None:
     assert set(y[x < 2]) == {0.0}
     assert set(y[x >= 2]) == {0.5}  # half of the problems within twice the best
     assert profile(durations[[]]) == {}
+
+
+def test_a_problem_on_which_a_planner_does_not_compete_does_not_count_for_it() -> None:
+    durations = pd.DataFrame({"a": [1.0, 2.0], "b": [2.0, np.nan]})
+    assert set(profile(durations)["b"][1]) == {0.0, 1.0}
+    assert set(profile(durations, pd.Series([0.5, 2.0]))["a"][1]) == {0.5, 1.0}
+
+
+class Relaxing(Searching):
+    """Ignores a velocity limit on the problems of displacement 2, and says so."""
+
+    def relation(self, problem: Problem) -> Relation:
+        return Relation.RELAXATION
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        found = super().solve(problem, seed=seed)
+        if problem.displacements[0, 0] != 2:
+            return found
+        trajectory = found.trajectory
+        assert trajectory is not None
+        jumping = Trajectory([0, 0.1], [[[20.0]], [[0.0]]], [0, 0.1])
+        return replace(found, status=Status.RELAXED, trajectory=jumping, history=None)
+
+
+def test_the_shortest_of_all_answers_counts_and_the_table_s_problems() -> None:
+    """By hand: 2.2 s, 2.2 s and 2.2 s beside 2 s on one problem, and beside 3 s, relaxed on one."""
+    limits = Limits([10.0], [100.0])
+    found = []
+    for number in range(3):
+        problem = Problem([[0.0], [1.0 + number]], limits, f"problem {number}")
+        found += judge(Searching(2.2), problem, [0], "everywhere")
+        found += judge(Relaxing(3.0), problem, [0], "relaxing")
+        if number == 0:
+            found += judge(Searching(2.0), problem, [0], "once")
+    results = Results(found)
+    table = results.planners()
+    assert table.loc["relaxing", ["relaxed", "solved"]].tolist() == [1, 2]
+    figure = dict(draw.of_suite(results))["profile"]()
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].lines}
+    assert set(lines) == {"everywhere", "relaxing (2 of 3)"}
+    x, y = lines["everywhere"].T
+    assert y[0] == pytest.approx(2 / 3)
+    assert x[np.argmax(y == 1)] == pytest.approx(2.2 / 2, rel=0.01)
+    x, y = lines["relaxing (2 of 3)"].T
+    assert set(y) == {0.0, 0.5, 1.0}
+    assert x[np.argmax(y > 0)] == pytest.approx(3 / 2.2, rel=0.01)
+    assert x[np.argmax(y == 1)] == pytest.approx(3 / 2, rel=0.01)
+
+
+def test_a_planner_that_answers_once_is_a_point_among_the_searches() -> None:
+    once = [np.array([[seconds, 1.0]]) for seconds in (0.1, 0.3, 0.2)]
+    runs = [np.array([[1.0, 1.5], [10.0, 1.1]])]
+    curves = anytime({"once": once, "search": runs})
+    spent, quartiles = curves["once"]
+    assert spent.tolist() == [0.2]
+    assert quartiles.tolist() == [[0.0]] * 3
+    assert len(curves["search"][0]) > 1
+    drawn = colours(suite.anytime(curves, ["once", "search"], "seconds"))
+    assert set(drawn) == {"once", "search"}
 
 
 def test_shares_count_each_problem_once() -> None:

@@ -286,8 +286,9 @@ def test_profiles_and_ecdfs_count_no_answer_as_the_worst(html: str) -> None:
     profile = {names[c["planner"]]: c for c in suite["profile"]}
     assert set(profile) == {"exact", "mine"}
     assert suite["partly"] == {NASTY: 1, "fast": 1}
-    # The medians of "mine" are 3 of (2.5, 3, no answer) and 4.4; of "exact", 2 and 4.
-    assert profile["exact"]["y"][0] == 1.0
+    # The medians of "mine" are 3 of (2.5, 3, no answer) and 4.4; of "exact", 2 and 4; "fast", on
+    # one of the problems, 1.9.
+    assert profile["exact"]["y"][0] == 0.5
     assert profile["exact"]["y"][-1] == profile["mine"]["y"][-1] == 1.0
     steps = [
         x
@@ -296,7 +297,7 @@ def test_profiles_and_ecdfs_count_no_answer_as_the_worst(html: str) -> None:
         )
         if z > y
     ]
-    np.testing.assert_allclose(steps, [1.1, 1.5], rtol=0.005)
+    np.testing.assert_allclose(steps, [1.1, 3 / 1.9], rtol=0.005)
     ecdf = {names[c["planner"]]: c for c in suite["ecdf"]}
     assert ecdf["mine"]["y"][-1] == pytest.approx(5 / 6, abs=1e-4)  # 1 of 6 runs has no answer
     assert ecdf["exact"]["y"][0] == 1.0

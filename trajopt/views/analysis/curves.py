@@ -24,21 +24,37 @@ def everywhere(durations: pd.DataFrame) -> list[str]:
     return [str(label) for label in durations if durations[label].notna().all()]
 
 
-def profile(durations: pd.DataFrame) -> Curves:
-    """Share of problems solved within `x` times the shortest median (Dolan and Moré 2002).
+def counted(durations: pd.DataFrame) -> dict[str, str]:
+    """Say of each planner that does not compete on every problem on how many it does."""
+    every = len(durations)
+    counts = durations.notna().sum()
+    return {str(label): f"{n} of {every}" for label, n in counts.items() if n < every}
+
+
+def profile(durations: pd.DataFrame, shortest: pd.Series[float] | None = None) -> Curves:
+    """Share of problems solved within `x` times the shortest duration (Dolan and Moré 2002).
 
     Args:
-        durations: columns of `pairwise.medians`, s.
+        durations: columns of `pairwise.medians`, s. NaN where a planner does not compete: the
+            problem does not count for it.
+        shortest: the shortest certified duration of any planner, s, by problem; by default the
+            shortest of `durations`.
     """
-    if durations.empty:
+    best = durations.min(axis=1) if shortest is None else shortest
+    competing = {str(label): durations[label].dropna() for label in durations}
+    pairs = {
+        label: np.stack([own, best[own.index]], axis=-1)
+        for label, own in competing.items()
+        if len(own)
+    }
+    if not pairs:
         return {}
-    table = durations.to_numpy()
     with np.errstate(invalid="ignore"):
-        ratios = table / table.min(axis=1, keepdims=True)
+        ratios = np.concatenate([own / least for own, least in (p.T for p in pairs.values())])
     worst = ratios[np.isfinite(ratios)].max(initial=1.0)
     taus = np.geomspace(1, max(1.1, 1.02 * worst), POINTS)
-    shares = statistics.performance_profile(table, taus)
-    return {str(label): (taus, y) for label, y in zip(durations, shares.T, strict=True)}
+    shares = {label: statistics.performance_profile(own, taus) for label, own in pairs.items()}
+    return {label: (taus, of_both[:, 0]) for label, of_both in shares.items()}
 
 
 def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
@@ -47,7 +63,7 @@ def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
     Gaps below `GAP_FLOOR` count as at it.
 
     Args:
-        gaps: `Results.gaps()`; problems without a reference are left out.
+        gaps: `overview.measured(Results.gaps())`; problems without a reference are left out.
         labels: The planners, by their names with options.
     """
     known = gaps[gaps["reference"].notna()]
@@ -76,11 +92,14 @@ def mean_shares(values: Mapping[str, Sequence[Array]], grid: Array) -> Curves:
 def anytime(relative: Mapping[str, Sequence[Array]]) -> Curves:
     """Quartiles of the gap (%) over all runs, by what was spent, on one grid for all planners.
 
+    A planner whose runs all answer once, at their end, is a point: the median of what they spent.
+
     Args:
         relative: Histories of `searches.over_optimum`.
 
     Returns:
-        What was spent `(POINTS,)`, and quartiles `(3, POINTS)`, +inf where too few have an answer.
+        What was spent `(POINTS,)`, or `(1,)` of a point, and quartiles `(3, POINTS)`, +inf where
+        too few have an answer.
     """
     spent = np.concatenate([run[:, 0] for runs in relative.values() for run in runs])
     first = spent[spent > 0].min()
@@ -88,6 +107,9 @@ def anytime(relative: Mapping[str, Sequence[Array]]) -> Curves:
     grid[-1] = spent.max()  # as rounding must not cut the last answer off
     curves = {}
     for label, runs in relative.items():
-        quartiles = statistics.quartiles_over_runs(runs, grid)
-        curves[label] = (grid, 100 * (quartiles - 1))
+        quartiles = 100 * (statistics.quartiles_over_runs(runs, grid) - 1)
+        curves[label] = (grid, quartiles)
+        if all(len(run) == 1 for run in runs):
+            middle = np.median([run[0, 0] for run in runs], keepdims=True)
+            curves[label] = (middle, quartiles[:, -1:])
     return curves

@@ -2,7 +2,8 @@
 
     Results("results").planners()
 
-Problems that a planner does not support do not count against it.
+Problems that a planner does not support, or answers without some of the limits, do not count for
+it: not in tables, and not in curves (`competing`).
 """
 
 from __future__ import annotations
@@ -28,12 +29,17 @@ def competing(trials: pd.DataFrame) -> pd.DataFrame:
     return trials[~aside & ~only_bound]
 
 
-def median_gap(trials: pd.DataFrame) -> float:
+def measured(gaps: pd.DataFrame) -> pd.DataFrame:
+    """Return the competing trials on problems whose optimum is known, of `Results.gaps()`."""
+    return competing(gaps)[lambda trials: trials["kind"].isin(OPTIMA)]
+
+
+def median_gap(gaps: pd.DataFrame) -> float:
     """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
 
     +inf: on half of them it has no answer; NaN: there is no such problem.
     """
-    known = trials[trials["kind"].isin(OPTIMA)]
+    known = measured(gaps)
     if known.empty:
         return np.nan
     medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()

@@ -74,6 +74,11 @@ def medians(runs: pd.DataFrame) -> pd.DataFrame:
     return cells.map(to_tie_digits).unstack("label")
 
 
+def shortest(runs: pd.DataFrame) -> pd.Series[float]:
+    """Per problem the shortest certified duration of all runs, to `TIE_DIGITS`, s."""
+    return runs.groupby("digest")["certified_duration"].min().map(to_tie_digits)
+
+
 def to_tie_digits(duration: float) -> float:
     """The duration rounded to `TIE_DIGITS` significant digits."""
     return float(f"{duration:.{TIE_DIGITS}g}")

@@ -29,6 +29,7 @@ Values = Array | np.float64  # a number where the runs were the only axis
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
 EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
 MAX_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
+FEWEST_ANSWERS = 10  # of a sample with missing ones, from which on a bootstrap has an interval
 END_MARGIN = 1e-12  # distance of a chance from 0 and 1, where its variance is 0
 QUARTILES = (0.25, 0.5, 0.75)
 
@@ -149,8 +150,9 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     """Evaluations spent by all runs until target or budget, per success (Hansen et al. 2021, COCO).
 
     `hits` `(…, runs)` from `evaluations_to_target`; `budgets`, what each run spent or was allowed,
-    broadcasts against them. A hit beyond its budget is a miss. Returns `(…)`; +inf if all missed,
-    as is then its `bootstrap` interval, which sees no further: look at that of `success_rate`.
+    broadcasts against them. A hit beyond its budget is a miss. Returns `(…)`; +inf if all missed.
+    With misses and fewer than `FEWEST_ANSWERS` hits its `bootstrap` has no interval: look at that
+    of `success_rate`.
     """
     reached = _costs("hits", hits)
     spent = np.minimum(reached, budgets)
@@ -348,13 +350,16 @@ def bootstrap(
     """`statistic(*samples)` with its percentile bootstrap interval (Efron & Tibshirani 1993, 13).
 
     Each sample is `(runs,)`; `statistic` maps samples `(k, runs)` to `(k,)`, as `median` and
-    `expected_running_time` do. Samples are drawn independently. Bounds
-    may be +inf; they are NaN if a sample has a single run, which says nothing of the spread.
+    `expected_running_time` do. Samples are drawn independently. Bounds may be +inf. They are NaN
+    if a sample has a single run, which says nothing of the spread, or if runs without an answer are
+    among fewer than `FEWEST_ANSWERS` with one: resampling these hardly varies the success rate. At
+    one success in ten, 95 % intervals of expected running times would cover 64 % (10 runs) and 88 %
+    (30 runs).
     """
     arrays = [_costs("sample", sample) for sample in samples]
     value = float(statistic(*arrays))
     sizes = [array.size for array in arrays]
-    if min(sizes) < 2:
+    if min(sizes) < 2 or any(map(_hardly_answers, arrays)):
         return Estimate(value, np.nan, np.nan)
     with np.errstate(invalid="ignore"):  # SciPy's own interval is NaN where resamples are inf
         found = _scipy().bootstrap(
@@ -370,6 +375,11 @@ def bootstrap(
     low = quantile(found.bootstrap_distribution, tail)
     high = quantile(found.bootstrap_distribution, 1 - tail)
     return Estimate(value, float(low), float(high))
+
+
+def _hardly_answers(sample: Array) -> bool:
+    answers = np.isfinite(sample).sum()
+    return bool(answers < min(FEWEST_ANSWERS, sample.size))
 
 
 def _scipy() -> Any:

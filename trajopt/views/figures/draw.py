@@ -26,9 +26,10 @@ from trajopt.core.exceptions import StoreError
 from trajopt.core.limits import LimitName
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import PROOF, REFERENCES
-from trajopt.views.analysis.curves import anytime, everywhere, gap_shares, profile
+from trajopt.views.analysis.curves import anytime, counted, everywhere, gap_shares, profile
 from trajopt.views.analysis.gap_reference import references
-from trajopt.views.analysis.pairwise import medians
+from trajopt.views.analysis.overview import competing, measured
+from trajopt.views.analysis.pairwise import medians, shortest
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
@@ -71,18 +72,24 @@ def _order(trials: Sequence[Trial]) -> list[str]:
 def of_suite(results: Tables) -> Iterator[Picture]:
     """Yield the figures of all problems, a column wide: `profile`, `gaps` and `anytime-…`.
 
-    In the first two are planners that were run on every problem; one that they refuse has no
-    answer.
+    In the first two are planners that were run on every problem, each over the problems on which it
+    competes (`overview.competing`).
     """
     from trajopt.views.figures import suite
 
     order = _order(results.items)
     best_first = results.planners().index
-    durations = medians(results.trials())
-    labels = [label for label in best_first if label in everywhere(durations)]
-    yield "profile", partial(suite.profile, profile(durations[labels]), order)
-    if shares := gap_shares(results.gaps(), labels):
-        yield "gaps", partial(suite.gaps, shares, order)
+    trials = results.trials()
+    ran = everywhere(medians(trials))
+    durations = medians(competing(trials))
+    labels = [label for label in best_first if label in ran and label in durations]
+    shown = profile(durations[labels], shortest(trials))
+    counts = counted(durations[labels])
+    yield "profile", partial(suite.profile, shown, order, counts)
+    measurable = measured(results.gaps())
+    if shares := gap_shares(measurable, labels):
+        counts = counted(medians(measurable)[list(shares)])
+        yield "gaps", partial(suite.gaps, shares, order, counts)
     costs: tuple[Cost, ...] = ("seconds", "evaluations")
     for cost in costs:
         relative = results.over_optimum(cost)

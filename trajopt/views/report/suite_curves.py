@@ -13,9 +13,9 @@ import pandas as pd
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.views.analysis import statistics
-from trajopt.views.analysis.curves import POINTS, Curves, gap_shares, mean_shares, profile
-from trajopt.views.analysis.overview import competing
-from trajopt.views.analysis.pairwise import medians, paired_tests, pairs_by_problem
+from trajopt.views.analysis.curves import POINTS, Curves, counted, gap_shares, mean_shares, profile
+from trajopt.views.analysis.overview import competing, measured
+from trajopt.views.analysis.pairwise import medians, paired_tests, pairs_by_problem, shortest
 from trajopt.views.analysis.searches import Histories, over_best, running_times
 from trajopt.views.figures import sampling
 from trajopt.views.report import rivals
@@ -104,20 +104,22 @@ def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Cu
 
 
 def _suite(gaps: pd.DataFrame, found: Sequence[Histories], labels: Sequence[str]) -> dict[str, Any]:
-    durations = medians(gaps)
-    ran = durations.notna().sum()
-    whole = [label for label in labels if ran.get(label) == len(durations)]
-    partly = {label: int(count) for label, count in ran.items() if count < len(durations)}
+    ran = medians(gaps).notna().sum()
+    durations = medians(competing(gaps))
+    every = gaps["digest"].nunique()
+    whole = [label for label in labels if ran.get(label) == every and label in durations]
+    partly = {label: int(count) for label, count in ran.items() if count < every}
     relative = over_best(found)
     problems = gaps.drop_duplicates("digest")
     kinds = problems["kind"].value_counts()
     known = [own for own in found if np.isfinite(own.best)]
     return {
         "partly": partly,
+        "counted": counted(durations[whole]),
         "kinds": {str(kind): int(count) for kind, count in kinds.items()},
         "unknown": int(problems["reference"].isna().sum()),
-        "profile": _drawn(profile(durations[whole]), labels),
-        "ecdf": _drawn(gap_shares(gaps, whole), labels),
+        "profile": _drawn(profile(durations[whole], shortest(gaps)), labels),
+        "ecdf": _drawn(gap_shares(measured(gaps), whole), labels),
         "searched": len(known),
         "times": _times(relative, labels),
         "convergence": bands(relative, labels),

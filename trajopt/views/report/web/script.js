@@ -140,11 +140,13 @@
   const drawSuite = () => {
     const suite = whole();
     const partly = Object.entries(suite.partly).map(([name, n]) => `${name} (${n} of ${suite.problems})`);
+    const counted = Object.entries(suite.counted).map(([name, said]) => `${name} (${said})`);
     const kinds = Object.entries(suite.kinds).map(([kind, n]) => `${n} to ${kind === "lower bound" ? "a lower bound" : kind === "relaxed" ? "the best known without some of the limits" : kind === "exact" ? "the exact optimum" : kind === "best known" ? "the best known" : "refined collocation"}`);
     $("suite-note").textContent = `${suite.problems} problem${suite.problems > 1 ? "s" : ""}; gaps: ${[...kinds, ...(suite.unknown ? [`${suite.unknown} unknown`] : [])].join(", ")}.`
       + (partly.length ? ` Not run on all of them, so left out of the first two charts: ${partly.join(", ")}.` : "")
+      + (counted.length ? ` Problems that a planner refuses, or answers without some of the limits, do not count for it: ${counted.join(", ")}.` : "")
       + (suite.convergence.length ? ` Running times and convergence: of the ${suite.searched} whose best 3-5-3 is known.` : "");
-    draw($("profile"), () => [whole().profile.map(steps), { xaxis: axis("times the best planner’s duration", { ...LOG, nticks: 6 }), yaxis: share() }]);
+    draw($("profile"), () => [whole().profile.map(steps), { xaxis: axis("times the shortest of all answers", { ...LOG, nticks: 6 }), yaxis: share() }]);
     draw($("ecdf"), () => [whole().ecdf.map(steps), { xaxis: axis("gap (%)", { ...LOG, dtick: 1 }), yaxis: share() }]);
     for (const figure of all(".searches")) figure.hidden = !suite.convergence.length;
     if (!suite.convergence.length) return;
