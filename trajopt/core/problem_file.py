@@ -34,7 +34,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import tomli_w
 
 from trajopt.core import arm_file, files
 from trajopt.core.arm_file import Arm
@@ -169,6 +168,8 @@ def text(problem: Problem, units: Sequence[str] = ()) -> str:
     Limits are in rad and m, and so are waypoints, unless each joint's unit is given ("deg"): those
     are rounded to 12 decimals.
     """
+    import tomli_w  # late: judging needs NumPy and SciPy only
+
     table: dict[str, Any] = {"name": problem.name, "source": problem.source}
     if problem.joint_names:
         table["joint_names"] = list(problem.joint_names)
