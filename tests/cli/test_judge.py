@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from trajopt import cli
+from trajopt.explain import decomposition
+from trajopt.explain.references import Answer
 
 HEADER = "time [s],a [rad],b [rad],a_velocity [rad/s],b_velocity [rad/s]\n"
 FAST = HEADER + "0,0,0,0,0\n0.5,0.5,-0.25,2,-1\n1,1,-0.5,0,0\n"  # 1 rad in 1 s: 4 rad/s²
@@ -241,3 +243,65 @@ def test_bad_input_is_one_line_and_code_2(run, arguments, said):
     assert (code, out) == (2, "")
     assert said in err
     assert len(err.splitlines()) == 1
+
+
+# --- jerk limits, and what is below the optimum ---
+
+JERKY = PROBLEM.replace("acceleration = [1, 1]", "acceleration = [4, 4], jerk = [40, 40]")
+
+
+def test_a_motion_made_without_jerk_limits_is_judged_without_them_too(run, tmp_path):
+    """1 rad from rest to rest within 4 rad/s² takes 2 √(1/4) = 1 s, half as long as the motion."""
+    (tmp_path / "jerky.toml").write_text(JERKY)
+    code, out, _ = run("judge slow.csv jerky.toml")
+    told = " ".join(out.split())
+    assert code == 1
+    assert "No slow-down mends it: joint 1 at 1 s: acceleration jumps by 2 rad/s²" in told
+    assert "Without the jerk limits: It could run 2.000000 times as fast" in told
+    assert "takes 2.0000 s on jerky without jerk limits, 2.000 times the best known" in told
+    code, out, _ = run("judge slow.csv jerky.toml --json")
+    found = json.loads(out)
+    assert (found["gap"], found["status"]) == (None, "invalid")
+    other = found["without_jerk"]
+    assert (other["feasible"], "without_jerk" in other) == (True, False)
+    assert other["gap"] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_other_flaws_leave_no_verdict_without_jerk_limits(run, tmp_path):
+    (tmp_path / "jerky.toml").write_text(JERKY.replace("[1, -0.5]]", "[1, -0.4]]"))
+    _, out, _ = run("judge slow.csv jerky.toml --json")
+    assert json.loads(out)["without_jerk"] is None
+    _, out, _ = run("judge slow.csv jerky.toml --via-tolerance 0.2 --json")
+    assert json.loads(out)["without_jerk"]["feasible"] is True
+
+
+@pytest.mark.parametrize("planner", ["toppra", "exact"])
+def test_explain_answers_without_jerk_limits_where_a_planner_knows_none(run, tmp_path, planner):
+    (tmp_path / "jerky.toml").write_text(JERKY)
+    code, out, _ = run(f"explain jerky.toml --planner {planner} --json")
+    found = json.loads(out)
+    assert code == 1
+    assert found["status"] == {"toppra": "unsupported", "exact": "relaxed"}[planner]
+    assert found["without_jerk"]["certified_duration"] == pytest.approx(1.0, rel=1e-3)
+    assert found["without_jerk"]["exact"] == pytest.approx(1.0, rel=1e-6)
+    code, out, _ = run(f"explain jerky.toml --planner {planner}")
+    assert "Without the jerk limits:" in out
+    assert "times the best known optimum" in " ".join(out.split())
+
+
+def test_a_motion_below_the_optimum_raises_the_alarm(run, monkeypatch):
+    """An optimum that is wrong: twice as long as the motion."""
+    true = decomposition._optimum
+    monkeypatch.setattr(
+        decomposition, "_optimum", lambda problem: Answer(true(problem).trajectory.dilated(2.0))
+    )
+    _, _, err = run("judge slow.csv p.toml")
+    said = "BUG OR BETTER OPTIMUM: slow.csv on p is 50.000000 % below the best known optimum"
+    assert said in " ".join(err.split())
+    _, _, err = run("judge slow.csv p.toml --json")
+    assert said in " ".join(err.split())
+
+
+def test_the_optimum_itself_raises_none(run):
+    _, _, err = run("judge slow.csv p.toml --json")
+    assert "BUG" not in err

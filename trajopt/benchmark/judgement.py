@@ -34,6 +34,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.core.units import mixed_units
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
+from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
 from trajopt.formats.motion import Motion
 from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
@@ -135,9 +136,24 @@ class Judgement(Execution):
         """The certified duration over the best known optimum of `problem`, minus 1."""
         return None if self.explanation is None else self.explanation.gap
 
+    @property
+    def below_optimum(self) -> bool:
+        """True if it is shorter than the best known optimum: a bug, or a better optimum."""
+        tolerance = REFINED_RTOL if self.problem.has("position") else BUG_RTOL
+        return self.gap is not None and self.gap < -tolerance
+
+    @cached_property
+    def without_jerk(self) -> Judgement | None:
+        """The verdict without jerk limits, where these alone are beyond mending; or None."""
+        lifted = without_jerk(self.problem)
+        if self.certificate.valid or lifted is None:
+            return None
+        certificate = verify(lifted, self.trajectory)
+        return replace(self, problem=lifted, certificate=certificate) if certificate.valid else None
+
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
-        return super().as_dict() | {
+        table = super().as_dict() | {
             "problem": self.problem.name,
             "via_tolerance": self.via_tolerance,
             "status": str(self.status),
@@ -146,6 +162,9 @@ class Judgement(Execution):
             "waypoint_times": self.trajectory.waypoint_times.tolist(),
             "flaws": list(self.certificate.flaws),
         }
+        if self.problem.has("jerk"):
+            table["without_jerk"] = self.without_jerk and self.without_jerk.as_dict()
+        return table
 
 
 def judge(
@@ -192,9 +211,16 @@ def judge(
         return strict
     moved = _as_passed(asked, trajectory, via_tolerance)
     certificate = verify(moved, trajectory)
-    if not certificate.valid:  # the tolerance does not help
-        return strict
-    return replace(strict, problem=moved, certificate=certificate, tolerance_needed=True)
+    passed = replace(strict, problem=moved, certificate=certificate, tolerance_needed=True)
+    helps = certificate.valid or (passed.without_jerk and not strict.without_jerk)
+    return passed if helps else strict
+
+
+def without_jerk(problem: Problem) -> Problem | None:
+    """Return the problem without its jerk limits, named so; None where it has none."""
+    if not problem.has("jerk"):
+        return None
+    return replace(problem.without("jerk"), name=f"{problem.name} without jerk limits")
 
 
 def motion_of(

@@ -179,10 +179,9 @@ def _default_planners() -> list[str]:
 def _warn(results: Results) -> None:
     for row in results.suspicious().itertuples():
         below = -100 * row.gap
-        console.ERR.print(
-            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {console.markup(row.label)} "
-            f"(seed {row.seed}) on {console.markup(row.problem)} is {below:.6f} % below "
-            f"the reference; trial {row.id}"
+        console.warn_of_bug(
+            f"{row.label} (seed {row.seed}) on {row.problem} is {below:.6f} % below the "
+            f"reference; trial {row.id}"
         )
 
 

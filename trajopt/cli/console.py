@@ -164,6 +164,11 @@ def note(text: object) -> None:
     ERR.print(f"trajopt: {words}", markup=False, soft_wrap=True)
 
 
+def warn_of_bug(sentence: str) -> None:
+    """Print on standard error that a motion is below the optimum: a bug, or a better one."""
+    ERR.print(f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {markup(sentence)}")
+
+
 def print_json(table: Any) -> None:
     """Print one JSON object and nothing else; infinity and NaN are null, paths are texts."""
     print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))

@@ -10,16 +10,19 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_known import records
+from trajopt.benchmark.judgement import without_jerk
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
 from trajopt.cli.plan import print_trial
 from trajopt.core.problem import Problem
+from trajopt.core.solution import Status
 from trajopt.explain import decomposition
 from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
 from trajopt.judging.falling_velocity import caveats
+from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import named
 from trajopt.views.figures import draw
@@ -51,10 +54,17 @@ def explain(
         trial = explained_run(chosen, asked_for, seed, name)
     names = {"problem": trial.problem.name, "planner": trial.label, "seed": trial.seed}
     if trial.certified_trajectory is None:
+        lifted = _without_jerk(trial, chosen, seed)
         if json:
-            console.print_json(names | {"status": trial.status, "message": trial.message})
-        else:
-            print_trial(trial, problem)
+            told = {"status": trial.status, "message": trial.message}
+            console.print_json(names | told | {"without_jerk": lifted and lifted.as_dict()})
+            return 1
+        print_trial(trial, problem)
+        if lifted is not None:
+            console.paragraph("Without the jerk limits:")
+            relaxed = without_jerk(trial.problem) or trial.problem
+            for sentence in sentences(trial.label, relaxed, lifted):
+                console.paragraph(f"- {sentence}")
         return 1
     with console.waiting("asking the references"):
         recorded = records.answer(trial.problem)
@@ -70,6 +80,21 @@ def explain(
     pictures = ", ".join(figure.name for figure in figures if figure.suffix == ".png")
     console.line(f"figures: {pictures} in {figures[0].parent}")
     return 0
+
+
+def _without_jerk(trial: Trial, planner: Planner, seed: int | None) -> Explanation | None:
+    """Explain the motion without jerk limits, where these alone refuse it, or its planner."""
+    lifted = without_jerk(trial.problem)
+    if lifted is None:
+        return None
+    if trial.status is Status.UNSUPPORTED:
+        with console.waiting("running the planner without jerk limits"):
+            trial = explained_run(planner, lifted, seed, trial.planner)
+    trajectory = trial.solution.trajectory
+    if trajectory is None or not verify(lifted, trajectory).valid:
+        return None
+    with console.waiting("asking the references"):
+        return decomposition.explain(lifted, planner, trajectory, records.answer(lifted))
 
 
 def explained_run(planner: Planner, problem: Problem, seed: int | None, name: str) -> Trial:

@@ -65,15 +65,21 @@ def judge(
             via_tolerance=via_tolerance,
             unit=motion_unit,
         )
+    told = found.without_jerk or found
     with console.waiting("asking the references"):
-        explanation = found.explanation
+        explanation = told.explanation
+    if told.below_optimum and told.gap is not None:
+        below = f"{-100 * told.gap:.6f} % below the best known optimum"
+        console.warn_of_bug(f"{told.motion.name} on {told.problem.name} is {below}")
     if json:
         console.print_json(found.as_dict())
         return 0 if found.kept else 1
     _print(found)
+    if told is not found:
+        console.paragraph(f"Without the jerk limits: {_mended(told.certificate)}")
     if explanation is not None:
-        slowed = found.certificate.dilation > 1 and not found.certificate.feasible
-        for sentence in sentences(found.motion.name, found.problem, explanation, slowed=slowed):
+        slowed = told.certificate.dilation > 1 and not told.certificate.feasible
+        for sentence in sentences(told.motion.name, told.problem, explanation, slowed=slowed):
             console.paragraph(f"- {sentence}")
     for sentence in _better_than_recorded(found, motion):
         console.paragraph(sentence)
@@ -117,10 +123,8 @@ def _verdict(found: Judgement) -> Iterator[str]:
         yield f"Executed with {pieces} {kind} pieces between its samples."
     if certificate.flaws:
         yield from unmendable(certificate, kind)
-    elif certificate.dilation > 1 and not certificate.feasible:
-        yield slower(certificate)
-    elif certificate.dilation < 1:
-        yield f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
+    elif certificate.dilation < 1 or not certificate.feasible:
+        yield _mended(certificate)
     if found.tolerance_needed:
         yield (
             f"It misses the problem's own waypoints, by less than {found.via_tolerance:g} "
@@ -142,6 +146,15 @@ def slower(certificate: Certificate) -> str:
         f"Slowed down {certificate.dilation:.6f} times, to {duration:.6f} s, it keeps every limit. "
         f"To plan it again, multiply the planner's limits: {scaled}."
     )
+
+
+def _mended(certificate: Certificate) -> str:
+    """Say how much slower a motion must be, or how much faster it may be."""
+    if certificate.dilation < 1:
+        return f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
+    if certificate.feasible:
+        return "It keeps every limit."
+    return slower(certificate)
 
 
 def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:

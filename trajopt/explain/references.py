@@ -30,6 +30,12 @@ OPTIMUM_WITH_POSITION = "collocation-refined"
 REFERENCES = (OPTIMUM, OPTIMUM_WITH_JERK, OPTIMUM_WITH_POSITION)
 """The planners whose certified answers are best known optima."""
 
+BUG_RTOL = 1e-6
+"""A motion below a reference by more than this is a bug to hunt, or a better optimum."""
+
+REFINED_RTOL = 1e-4
+"""Refined collocation is above the optimum by at most this."""
+
 PATH_TIMING = "toppra"
 """The fastest timing of a given path, by its method `along`."""
 

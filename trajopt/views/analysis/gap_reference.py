@@ -25,9 +25,6 @@ Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
 
 OPTIMA = ("exact", "refined", "best known")  # kinds of references that are motions
 
-BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
-REFINED_RTOL = 1e-4  # refined collocation is above the optimum by at most this
-
 
 @dataclass(frozen=True)
 class Reference:

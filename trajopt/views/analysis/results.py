@@ -30,8 +30,9 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.solution import Status
+from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
 from trajopt.views.analysis import pairwise, searches
-from trajopt.views.analysis.gap_reference import BUG_RTOL, OPTIMA, REFINED_RTOL, references
+from trajopt.views.analysis.gap_reference import OPTIMA, references
 from trajopt.views.analysis.overview import competing, overview
 from trajopt.views.analysis.versions import Kept, Newest, by_problem, newest
 
