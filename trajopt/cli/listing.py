@@ -12,7 +12,7 @@ from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import Json
-from trajopt.core.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError, UnknownName
 from trajopt.core.limits import LIMIT_NAMES, LimitName, Limits
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner, Relation
@@ -21,8 +21,15 @@ from trajopt.planners.registry import Entry, entries
 _OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
 
 
-def list_(*, json: Json = False) -> int:
-    """List planners, with their options and defaults, built-in problems and robots."""
+def list_(planner: str = "", /, *, json: Json = False) -> int:
+    """List planners, with their options and defaults, built-in problems and robots.
+
+    Args:
+        planner: This one alone, with every optimiser that it has by name.
+        json: As JSON.
+    """
+    if planner:
+        return _one(planner, as_json=json)
     planners = [described(entry) for entry in entries().values()]
     problems = [_problem(name) for name in catalogue.problem_files()]
     arms = [_arm(name) for name in robots.arm_files()]
@@ -34,6 +41,23 @@ def list_(*, json: Json = False) -> int:
         console.OUT.print(_problem_table(problems))
         console.paragraph()
         console.OUT.print(_arm_table(arms))
+    return 0
+
+
+def _one(name: str, *, as_json: bool) -> int:
+    """List one planner, and the values of its options that its library knows."""
+    if name not in entries():
+        raise UnknownName("planner", name, entries())
+    entry = entries()[name]
+    row = described(entry)
+    row["choices"] = entry.load().choices() if row["available"] else {}
+    if as_json:
+        console.print_json(row)
+        return 0
+    console.OUT.print(_planner_table([row]))
+    for option, values in row["choices"].items():
+        console.paragraph()
+        console.OUT.print(Text(f"{option}, one of {len(values)}: {', '.join(values)}"))
     return 0
 
 

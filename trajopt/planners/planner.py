@@ -136,6 +136,14 @@ class Planner(ABC):
         """Return every option with its value; those of nested dataclasses beside the outer ones."""
         return field_values(self)
 
+    def choices(self) -> dict[str, Sequence[str]]:
+        """Return the values of options that a library knows, by the option; it may be imported.
+
+        Raises:
+            MissingBackend: The library is not installed.
+        """
+        return {}
+
     def defaults(self) -> dict[str, Any]:
         """Return the values of those options that have one by default."""
         return _field_defaults(type(self))

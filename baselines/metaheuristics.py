@@ -1,0 +1,405 @@
+"""Segment times by any optimiser of mealpy, pymoo or nevergrad, to compare the swarms with.
+
+The library calls the fitness that our swarms search, in the same box; what it sees is
+`trajopt.planners.objective.Objective`. Its settings are its own defaults, but for the population
+where an optimiser has one.
+
+The budget is spent exactly:
+
+- an optimiser that asks for more is stopped, in the middle of a generation too; the best candidate
+  so far is the answer. mealpy is told as many epochs as the budget holds populations, whatever an
+  epoch of the optimiser costs;
+- one that ends early starts anew on what is left, from another seed;
+- a candidate outside the box counts as the nearest one inside, and one that is not a list of finite
+  times as 1e100 s; both count.
+
+An optimiser that raises, or takes longer than `cpu_limit`, has failed: its answer says so, and how
+many evaluations it had made. One that hangs meets the time limit of the comparison.
+
+    from baselines.metaheuristics import Mealpy
+    solution = Mealpy(name="OriginalGWO", evaluations=10_000).solve(problem, seed=1)
+"""
+
+from __future__ import annotations
+
+import inspect
+import io
+import pkgutil
+import random
+import time
+import warnings
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from trajopt.core.arrays import Array
+from trajopt.core.exceptions import InvalidInput, MissingBackend, nearest
+from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.planners import objective, spline353
+from trajopt.planners.objective import CLOSED_FORM, LOWER, UPPER, Fitness, Objective
+from trajopt.planners.planner import Planner, backend, raised
+from trajopt.planners.swarm.optimiser import check_choices, require
+
+# Replaces an infinite fitness: its square is still finite.
+_INFINITE_FITNESS = 1e100
+
+
+class Spent(BaseException):
+    """The budget is spent. Not an `Exception`: a library must not catch it."""
+
+
+class Late(BaseException):
+    """The CPU time is spent."""
+
+
+class Counted:
+    """The objective as a library sees it: counts, remembers the best, and ends the search.
+
+    Attributes:
+        spent: Candidates evaluated.
+        best: The best of them, `(variables,)`, s, of this `value`.
+        rows: Evaluations spent and the best fitness by then, at each improvement.
+    """
+
+    def __init__(self, fitness: Objective, budget: int, cpu_limit: float | None) -> None:
+        self.fitness = fitness
+        self.budget = budget
+        self.spent = 0
+        self.best = fitness.high
+        self.value = np.inf
+        self.rows: list[tuple[int, float]] = []
+        self.deadline = np.inf if cpu_limit is None else time.process_time() + cpu_limit
+
+    @property
+    def left(self) -> int:
+        return self.budget - self.spent
+
+    def one(self, candidate: Any) -> float:
+        """Return the fitness of one candidate, whatever its shape."""
+        if self.spent >= self.budget:
+            raise Spent
+        if time.process_time() > self.deadline:
+            raise Late
+        times = self._times(candidate)
+        value = min(self.fitness(times), _INFINITE_FITNESS)
+        self.spent += 1
+        if value < self.value:
+            self.value = value
+            self.rows.append((self.spent, value))
+            if value < _INFINITE_FITNESS:
+                self.best = np.clip(times, self.fitness.low, self.fitness.high)
+        return value
+
+    def many(self, candidates: Array) -> Array:
+        """Return the fitness of candidates `(n, variables)`, `(n,)`."""
+        return np.array([self.one(candidate) for candidate in candidates])
+
+    def history(self) -> Array:
+        """Return `Solution.history`: NaN until a candidate keeps the limits."""
+        rows = list(self.rows)
+        if rows[-1][0] < self.spent:
+            rows.append((self.spent, self.value))
+        spent, best = np.array(rows).T
+        return np.column_stack([spent, np.where(best > self.fitness.ceiling, np.nan, best)])
+
+    def _times(self, candidate: Any) -> Array:
+        try:
+            times = np.asarray(candidate, dtype=float).reshape(-1)
+        except (TypeError, ValueError):
+            times = np.empty(0)
+        if times.size == self.fitness.variables:
+            return times
+        return np.full(self.fitness.variables, np.nan)
+
+
+@dataclass(frozen=True)
+class Metaheuristic(Planner):
+    """Segment times by an optimiser of another library.
+
+    - `name`: the library's own, which `trajopt list PLANNER` lists;
+    - `population`: where the optimiser has one;
+    - `iterations`: the budget, in populations beside the first; `evaluations`: in candidates, if
+      given;
+    - `shape`, `fitness`: those of `trajopt.objective`;
+    - `upper`, `lower`: the box, as of `SwarmPlanner`;
+    - `cpu_limit`: CPU time after which the search has failed, s; None for no limit.
+    """
+
+    name: str = ""
+    population: int = 30
+    shape: str = CLOSED_FORM
+    fitness: Fitness = "penalty"
+    iterations: int = 1000
+    evaluations: int | None = None
+    upper: float = UPPER
+    lower: float = LOWER
+    cpu_limit: float | None = None
+
+    stochastic = True
+    on_request = True
+    knows = LIMIT_NAMES
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        require("population", self.population, self.population >= 2, "at least 2")
+        require("iterations", self.iterations, self.iterations >= 0, "0 or more")
+        some = self.evaluations is None or self.evaluations >= 1
+        require("evaluations", self.evaluations, some, "at least 1, or None")
+        require("upper", self.upper, 0 < self.upper < np.inf, "a finite number above 0")
+        require("lower", self.lower, 0 < self.lower < 1, "a number between 0 and 1")
+        limited = self.cpu_limit is None or self.cpu_limit > 0
+        require("cpu_limit", self.cpu_limit, limited, "above 0, s, or None")
+        if self.name != type(self).name:
+            self._check_name()
+
+    @classmethod
+    @abstractmethod
+    def names(cls) -> Sequence[str]:
+        """Return the names of the library's optimisers; raises `MissingBackend` without it."""
+
+    @abstractmethod
+    def search(self, counted: Counted, seed: int) -> None:
+        """Minimise until the optimiser ends by itself, or `Spent` ends it."""
+
+    def choices(self) -> dict[str, Sequence[str]]:
+        return {"name": self.names()}
+
+    @property
+    def budget(self) -> int:
+        """Candidates evaluated, at most."""
+        if self.evaluations is not None:
+            return self.evaluations
+        return self.population * (1 + self.iterations)
+
+    def unsupported(self, problem: Problem) -> str | None:
+        if self.shape == CLOSED_FORM:
+            return spline353.unsupported(problem)
+        return objective.unsupported(problem, self.shape)
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The best candidate of one search. `stats`: segment times, s, and searches begun."""
+        if self.shape == CLOSED_FORM:
+            reason = spline353.infeasible(problem)
+            if reason is not None:
+                return Solution(Status.INFEASIBLE, message=reason)
+        started = time.perf_counter()
+        fitness = _objective(problem, self.shape, self.fitness, self.lower, self.upper)
+        setup_time = time.perf_counter() - started
+        counted = Counted(fitness, self.budget, self.cpu_limit)
+        begun = 0
+        try:
+            while counted.left > 0:
+                before = counted.spent
+                own_seed = int(np.random.SeedSequence([seed, begun]).generate_state(1)[0] >> 1)
+                begun += 1
+                with _alone(own_seed):
+                    self.search(counted, own_seed)
+                if counted.spent == before:
+                    return self._failed(counted, "ends without an evaluation")
+        except Spent:
+            pass
+        except Late:
+            return self._failed(counted, f"takes more than {self.cpu_limit:g} s of CPU time")
+        except MissingBackend:
+            raise
+        except Exception as error:
+            return self._failed(counted, raised(error))
+        times = counted.best
+        history = counted.history()
+        message = ""
+        if np.isnan(history[-1, 1]):
+            message = "no candidate kept the limits (1 of 1 searches)"
+        return Solution(
+            Status.SOLVED,
+            fitness.trajectory(times),
+            message,
+            evaluations=counted.spent,
+            history=history,
+            setup_time=setup_time,
+            stats={"segment_times": times, "searches": begun},
+        )
+
+    def _failed(self, counted: Counted, why: str) -> Solution:
+        message = f"{self.name} {why}, after {counted.spent} of {counted.budget} evaluations"
+        return Solution(Status.FAILED, message=message, evaluations=counted.spent)
+
+    def _check_name(self) -> None:
+        try:
+            known = self.names()
+        except MissingBackend:
+            return  # where the library is missing, the comparison says so
+        if self.name in known:
+            return
+        library = self.requires[0]
+        close = nearest(self.name, known)
+        within = [own for own in known if self.name.lower() in own.lower()]
+        suggestion = close or (min(within, key=len) if within and self.name else "")
+        right = f"the name of an optimiser of {library}; `trajopt list {library}` lists them"
+        if suggestion:
+            right = f"the name of an optimiser of {library}; did you mean {suggestion!r}?"
+        raise InvalidInput("name", right, value=self.name)
+
+
+def _objective(
+    problem: Problem, shape: str, fitness: Fitness, lower: float, upper: float
+) -> Objective:
+    """The objective, compiled: that takes as long as a short search, so the last ones are kept."""
+    key = (problem.digest(), shape, fitness, lower, upper)
+    if key not in _KEPT:
+        made = Objective(problem, shape, fitness, lower=lower, upper=upper)
+        made(made.high)
+        if len(_KEPT) == _MAX_KEPT:
+            _KEPT.pop(next(iter(_KEPT)))
+        _KEPT[key] = made
+    return _KEPT[key]
+
+
+_KEPT: dict[tuple[Any, ...], Objective] = {}
+_MAX_KEPT = 8
+
+
+@contextmanager
+def _alone(seed: int) -> Iterator[None]:
+    """Seed the global random streams, and restore them; no warnings, no output."""
+    of_numpy = np.random.get_state()  # noqa: NPY002  # some optimisers draw from it
+    of_python = random.getstate()
+    np.random.seed(seed % 2**32)  # noqa: NPY002
+    random.seed(seed)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                yield
+    finally:
+        np.random.set_state(of_numpy)  # noqa: NPY002
+        random.setstate(of_python)
+
+
+@dataclass(frozen=True)
+class Mealpy(Metaheuristic):
+    """Segment times by any optimiser of mealpy, by its class's name."""
+
+    name: str = "OriginalGWO"
+    requires = ("mealpy",)
+    extra = "mealpy"
+
+    @classmethod
+    def names(cls) -> Sequence[str]:
+        return sorted(_mealpy())
+
+    def search(self, counted: Counted, seed: int) -> None:
+        epochs = -(-counted.left // self.population)  # rounded up
+        optimiser = _mealpy()[self.name](epoch=epochs, pop_size=self.population)
+        box = counted.fitness
+        bounds = backend("mealpy", "mealpy").FloatVar(lb=box.low.tolist(), ub=box.high.tolist())
+        task = {"obj_func": counted.one, "bounds": bounds, "minmax": "min", "log_to": None}
+        optimiser.solve(task, seed=seed)
+
+
+@cache
+def _mealpy() -> dict[str, Any]:
+    found: dict[str, Any] = backend("mealpy", "mealpy").get_all_optimizers(verbose=False)
+    return found
+
+
+@dataclass(frozen=True)
+class Pymoo(Metaheuristic):
+    """Segment times by any single-objective optimiser of pymoo, by its class's name."""
+
+    name: str = "PSO"
+    requires = ("pymoo",)
+    extra = "pymoo"
+
+    @classmethod
+    def names(cls) -> Sequence[str]:
+        return sorted(_pymoo())
+
+    def search(self, counted: Counted, seed: int) -> None:
+        kind = _pymoo()[self.name]
+        settings = {}
+        if "pop_size" in inspect.signature(kind).parameters:
+            settings["pop_size"] = self.population
+        import_module("pymoo.optimize").minimize(
+            _pymoo_problem(counted),
+            kind(**settings),
+            ("n_eval", counted.left),
+            seed=seed,
+            copy_algorithm=False,
+        )
+
+
+@cache
+def _pymoo() -> dict[str, Any]:
+    """The algorithms for one objective, by name, whose own packages are installed."""
+    backend("pymoo", "pymoo")
+    kind = import_module("pymoo.core.algorithm").Algorithm
+    folder = import_module("pymoo.algorithms.soo.nonconvex")
+    found: dict[str, Any] = {}
+    for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}."):
+        try:
+            members = vars(import_module(module.name))
+        except Exception:  # pymoo raises no `ImportError` where a package of its own is missing
+            continue
+        for name, member in members.items():
+            own = isinstance(member, type) and issubclass(member, kind)
+            if own and member.__module__ == module.name and not inspect.isabstract(member):
+                found[name] = member
+    return found
+
+
+def _pymoo_problem(counted: Counted) -> Any:
+    base = import_module("pymoo.core.problem").Problem
+
+    class Box(base):  # type: ignore[misc, valid-type]
+        def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
+            out["F"] = counted.many(x)[:, None]
+
+    box = counted.fitness
+    return Box(n_var=box.variables, n_obj=1, xl=box.low, xu=box.high)
+
+
+@dataclass(frozen=True)
+class Nevergrad(Metaheuristic):
+    """Segment times by any optimiser of nevergrad's registry, by its name there."""
+
+    name: str = "CMA"
+    requires = ("nevergrad",)
+    extra = "nevergrad"
+
+    @classmethod
+    def names(cls) -> Sequence[str]:
+        return sorted(_nevergrad())
+
+    def search(self, counted: Counted, seed: int) -> None:
+        ng = backend("nevergrad", "nevergrad")
+        box = counted.fitness
+        times = ng.p.Array(init=(box.low + box.high) / 2, lower=box.low, upper=box.high)
+        times.random_state = np.random.RandomState(seed % 2**32)  # it needs this
+        made = _nevergrad()[self.name]
+        optimiser = self._sized(made)(times, budget=counted.left, num_workers=1)
+        while counted.left > 0:
+            try:
+                asked = optimiser.ask()
+            except ng.errors.NevergradEarlyStopping:
+                return
+            optimiser.tell(asked, counted.one(asked.value))
+
+    def _sized(self, made: Any) -> Any:
+        """The optimiser with this population, where it has one."""
+        if isinstance(made, type) or "popsize" not in inspect.signature(type(made)).parameters:
+            return made
+        return type(made)(**{**made._config, "popsize": self.population})
+
+
+@cache
+def _nevergrad() -> dict[str, Any]:
+    registry = backend("nevergrad", "nevergrad").optimizers.registry
+    return {name.strip(): made for name, made in registry.items()}  # one ends with a space

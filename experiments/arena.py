@@ -1,0 +1,218 @@
+"""Any metaheuristic against a proved optimum: every optimiser that is installed, and our own.
+
+    python -m experiments.arena                                # all that is installed: days
+    python -m experiments.arena --libraries mealpy --seeds 5   # 234 optimisers on six-axis
+    python -m experiments.arena --names mealpy:name=OriginalGWO,population=50 pso
+    python -m experiments.arena --dask cluster.json
+    python -m experiments.arena --quick
+
+Each searches the three segment times of the 3-5-3 with Deb's rule in the same box, at equal
+budgets; the shortest 3-5-3 of each problem is proved to 1e-6 (`certify`). An optimiser has its
+library's own defaults, and a population of 30 where it has one. A run that needs more than 20 s of
+CPU time, raises or hangs is a failure, and counts as a run that reached no target. What was run is
+kept in `--output`; the same command goes on where it was interrupted, also with more seeds.
+
+Groups: those not significantly worse than the best of the group (Mann and Whitney's test of the
+gaps, one-sided, Holm over all that are compared with it at 5 %) form a group with it; the next
+group is formed of the rest in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cyclopts
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import mannwhitneyu
+
+from experiments.common import races
+from experiments.common.output import save_table
+from trajopt import MissingBackend, Planner, compare
+from trajopt.benchmark.run import dask
+from trajopt.comparison import TIMEOUT
+from trajopt.planners.registry import configured, load, named
+from trajopt.views.analysis import searches, statistics
+
+LIBRARIES = ("mealpy", "pymoo", "nevergrad")
+OWN = ("pso", "ssa", "issa", "cmaes", "de")
+FIRST = races.FIRST
+OTHERS = (
+    "robots-ur5e-w4",
+    "robots-franka-fr3-w4",
+    "robots-kuka-kr6-r700-w4",
+    "robots-puma-560-w4",
+    "robots-abb-irb-120-w4",
+)
+BUDGETS = (1_000, 10_000)
+TARGETS = {"1e-6": 1e-6, "0.1 %": 1e-3, "1 %": 1e-2}
+CPU_LIMIT_S = 20.0
+# Wall time after which a run that does not even evaluate is stopped, where it has a process.
+HANG_TIMEOUT_S = 300.0
+LEVEL = 0.05
+
+
+def entrants(
+    names: Sequence[str], libraries: Sequence[str], evaluations: int
+) -> dict[str, Planner]:
+    """The planners of these names, or our own and all of these libraries, with this budget."""
+    found = {}
+    for spec in names or [*OWN, *libraries]:
+        name, planner = named(spec)
+        budget: dict[str, float] = {"evaluations": evaluations}
+        if name in LIBRARIES:
+            budget |= {"cpu_limit": CPU_LIMIT_S}
+        planner = configured(planner, budget, name)
+        if names or name in OWN:
+            found[spec] = planner
+            continue
+        try:
+            known = planner.choices()["name"]
+        except MissingBackend:
+            continue
+        for own in known:
+            found[f"{name}:name={own}"] = replace(planner, name=own)  # type: ignore[type-var]
+    return found
+
+
+def groups(gaps: Mapping[str, Sequence[float]]) -> dict[str, int]:
+    """The group of each entrant, from 1, the best first; ties are broken by the median.
+
+    Args:
+        gaps: Of the runs of each entrant; infinite for a failure.
+    """
+    order = sorted(gaps, key=lambda name: (np.median(gaps[name]), np.mean(np.isinf(gaps[name]))))
+    found: dict[str, int] = {}
+    number = 0
+    while order:
+        number += 1
+        best, *others = order
+        worse = np.ones(0)
+        if others:
+            pvalues = [
+                mannwhitneyu(_ranked(gaps[own]), _ranked(gaps[best]), alternative="greater").pvalue
+                for own in others
+            ]
+            worse = statistics.holm(np.array(pvalues))
+        found[best] = number
+        found |= {own: number for own, p in zip(others, worse, strict=True) if p >= LEVEL}
+        order = [own for own in others if own not in found]
+    return found
+
+
+def _ranked(gaps: Sequence[float]) -> list[float]:
+    return np.minimum(gaps, 1e9).tolist()
+
+
+def above_best(outcome: races.Outcome) -> pd.Series[float]:
+    """Each run's gap to the best known 3-5-3, which lies above the proved bound by its width."""
+    width = outcome.runs["problem"].map(outcome.proof["width"])
+    return (outcome.runs["gap"] - width) / (1 + width)
+
+
+def table(outcome: races.Outcome) -> pd.DataFrame:
+    """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group."""
+    gaps = above_best(outcome).groupby(outcome.runs["label"])
+    costs = searches.running_times(outcome.histories, list(TARGETS.values()))
+    rows: dict[str, Any] = {
+        "runs": gaps.size(),
+        "failed": gaps.agg(lambda own: int(np.isinf(own).sum())),
+        "median gap": gaps.median(),
+    }
+    for name, target in TARGETS.items():
+        own = costs.xs(target, level="target")
+        rows[f"within {name}"] = gaps.agg(
+            lambda each, target=target: float((each <= target).mean())
+        )
+        if name == "0.1 %":
+            rows["evaluations to 0.1 %"] = own["ert"]
+    rows["group"] = pd.Series(groups({name: list(own) for name, own in gaps}))
+    made = pd.DataFrame(rows).sort_values(["group", "median gap"])
+    return made.rename_axis("optimiser")
+
+
+def versions(libraries: Sequence[str]) -> str:
+    """The versions of the libraries, NumPy's and ours."""
+    said = [f"{name} {version(name)}" for name in (*libraries, "cma", "numpy", "mintime")]
+    return ", ".join(said)
+
+
+def main(
+    *,
+    libraries: tuple[str, ...] = LIBRARIES,
+    names: tuple[str, ...] = (),
+    budgets: tuple[int, ...] = BUDGETS,
+    problems: tuple[str, ...] = (FIRST, *OTHERS),
+    seeds: int = 30,
+    other_seeds: int = 10,
+    jobs: int = races.JOBS,
+    dask_address: str = "",
+    output: Path = Path("results/arena"),
+    quick: bool = False,
+) -> None:
+    """Race all optimisers on each problem with each budget."""
+    if quick:
+        names = names or ("pso", "de")
+        budgets = (200,)
+        problems = (FIRST,)
+        seeds = 2
+    print(versions(libraries))
+    for problem in problems:
+        tables = {}
+        for budget in budgets:
+            own = entrants(names, libraries, budget)
+            folder = output / problem / f"{budget}"
+            count = seeds if problem == FIRST else other_seeds
+            contestants = [*own.items(), ("proof", load(races.PROOF))]
+            with dask.executor(dask_address) if dask_address else nullcontext() as executor:
+                results = compare(
+                    problem,
+                    contestants,
+                    folder,
+                    seeds=count,
+                    jobs=jobs,
+                    timeout=HANG_TIMEOUT_S if jobs or executor else TIMEOUT,
+                    executor=executor,
+                )
+            tables[budget] = table(races.outcome(results, list(own)))
+            save_table(tables[budget], output / f"{problem}-{budget}")
+            print(f"{problem}, {budget} evaluations, {count} seeds:")
+            print(tables[budget].to_string(float_format="{:.3g}".format))
+        figure(tables, output / f"{problem}.svg")
+
+
+def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
+    """Draw the gaps of all entrants, the best first, one curve a budget; ours are named."""
+    with mpl.rc_context({"font.size": 9}):
+        drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
+        axes = drawing.subplots()
+        for budget, own in tables.items():
+            ordered = own.sort_values("median gap")
+            solved = ordered[np.isfinite(ordered["median gap"])]
+            place = 100 * (np.arange(len(solved)) + 1) / len(ordered)
+            percent = np.maximum(100 * solved["median gap"], 1e-4)
+            (curve,) = axes.plot(place, percent, label=f"{budget:,} evaluations")
+            for name in OWN:
+                if name in solved.index:
+                    at = solved.index.get_loc(name)
+                    axes.plot(place[at], percent.iloc[at], "o", color=curve.get_color(), ms=4)
+                    axes.annotate(
+                        name, (place[at], percent.iloc[at]), (4, -9), textcoords="offset points"
+                    )
+        axes.set_yscale("log")
+        axes.set_xlabel(f"share of the {len(ordered)} optimisers, best first, %")
+        axes.set_ylabel("median gap to the proved best 3-5-3, %")
+        axes.grid(alpha=0.3)
+        axes.legend()
+        drawing.savefig(file)
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
