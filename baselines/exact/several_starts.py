@@ -13,7 +13,7 @@ from baselines.ipopt import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_ORDERS, LimitName
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -70,12 +70,7 @@ class SeveralStarts(Planner):
 
     def relation(self, problem: Problem) -> Relation:
         """With limits that are ignored it solves a relaxation."""
-        return Relation.RELAXATION if self.ignored(problem) else Relation.SAME
-
-    def ignored(self, problem: Problem) -> list[LimitName]:
-        """The kinds of the problem's limits that it does not know."""
-        unknown = [name for name in LIMIT_ORDERS if name not in self.knows]
-        return [name for name in unknown if problem.has(name)]
+        return Relation.RELAXATION if self.unknown(problem) else Relation.SAME
 
     def announce(self, planner: str, problem: Problem) -> None:
         """Say about how long it will take, if that is long."""
@@ -108,7 +103,7 @@ class SeveralStarts(Planner):
             message = no_start_succeeded(statuses)
             return Solution(Status.FAILED, message=message, stats=stats)
         answer = scaled.trajectory(best.times, best.states)
-        ignored = self.ignored(scaled.problem)
+        ignored = [KINDS[key].name() for key in self.unknown(scaled.problem)]
         if not ignored:
             return Solution(Status.SOLVED, answer, stats=stats)
         kinds = " and ".join(ignored)

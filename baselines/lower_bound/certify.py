@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import KINDS, LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
@@ -23,7 +23,8 @@ if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing plan
 class Certify(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
 
-    Every kind of limit counts.
+    Velocity, acceleration, jerk and position limits count. Other kinds are left out, which keeps
+    the bound valid; its message says so.
 
     - `within`: relative gap of upper and lower bound at which to stop;
     - `time_limit`: s, after which the bounds reached are the answer; building the model counts;
@@ -38,6 +39,7 @@ class Certify(Planner):
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
     knows = LIMIT_NAMES
+    drops = True
 
     def __post_init__(self) -> None:
         for name in ("within", "time_limit"):
@@ -71,6 +73,9 @@ class Certify(Planner):
             stats |= bound.proof.arrays()
         lower_bound = bound.lower_bound if self.family == "free" else None
         message = self._message(bound)
+        left_out = [KINDS[key].name() for key in self.unknown(problem)]
+        if left_out:
+            message += f"; proved without the {' and '.join(left_out)} limits"
         if bound.trajectory is None:
             return Solution(Status.INVALID, None, message, lower_bound, stats=stats)
         return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)

@@ -317,9 +317,7 @@ def as_executed(
     )
     motion.check_units(problem)
     _warn_of_units(problem, own(times))
-    certificate = verify(problem, own)
-    if not accelerations:
-        certificate = certificate.without_acceleration()
+    certificate = verify(problem, own, unjudged=() if accelerations else ("acceleration",))
     return Execution(motion, problem, certificate)
 
 

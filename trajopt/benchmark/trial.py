@@ -364,8 +364,9 @@ def now() -> str:
 def copied(problem: Problem) -> Problem:
     """The problem in arrays of its own, which cannot be written to either."""
     copy = deepcopy(problem)
-    limits = copy.limits
-    arrays = (copy.waypoints, limits.velocity, limits.acceleration, limits.jerk, limits.position)
+    arrays = [copy.waypoints]
+    arrays += [own.numbers for own in copy.limits.kinds.values()]
+    arrays += copy.limits.by_name().values()
     for array in arrays:
         array.setflags(write=False)
     return copy

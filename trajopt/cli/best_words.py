@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.best_planner import Best
 from trajopt.benchmark.trial import Trial
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import KINDS
 from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
@@ -35,7 +35,7 @@ def _planner(trial: Trial) -> str:
     name = trial.planner
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."
-    kinds = [kind for kind in LIMIT_NAMES if trial.problem.has(kind)]
+    kinds = [KINDS[key].name() for key in trial.problem.limits.kinds]
     limits = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
     return f"{name} is the best planner under {limits} limits."
 

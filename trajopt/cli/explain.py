@@ -16,6 +16,7 @@ from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
 from trajopt.cli.plan import print_trial
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.explain import decomposition
@@ -197,7 +198,7 @@ def _active_limits(problem: Problem, found: Explanation) -> str:
 
 def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:
     """Return the longest interval of each limit of each joint."""
-    longest: dict[tuple[int, str], ActiveLimit] = {}
+    longest: dict[tuple[int | None, str], ActiveLimit] = {}
     for interval in sorted(intervals, key=lambda own: own.start - own.end):
         longest.setdefault((interval.joint, interval.limit), interval)
     return list(longest.values())
@@ -209,7 +210,9 @@ def _saving(interval: ActiveLimit) -> float:
 
 
 def _said(problem: Problem, interval: ActiveLimit) -> str:
-    where = f"{interval.limit} of {problem.joint_labels[interval.joint]}"
+    where = KINDS[interval.limit].name()
+    if interval.joint is not None:
+        where += f" of {problem.joint_labels[interval.joint]}"
     when = f"{interval.start:.2f}–{interval.end:.2f} s"
     milliseconds = 1000 * _saving(interval)
     return f"{where} at {when} ({milliseconds:.1f} ms)"

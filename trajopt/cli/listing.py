@@ -13,7 +13,7 @@ from trajopt.cli import console
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import Json
 from trajopt.core.exceptions import TrajoptError, UnknownName
-from trajopt.core.limits import LIMIT_NAMES, LimitName, Limits
+from trajopt.core.limits import LimitName, Limits
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.registry import Entry, entries
@@ -120,7 +120,7 @@ def _problem(name: str) -> dict[str, Any]:
         "file": str(catalogue.find(name)),
         "joints": problem.joints,
         "waypoints": len(problem.waypoints),
-        "limits": [limit for limit in LIMIT_NAMES if problem.has(limit)],
+        "limits": list(problem.limits.kinds),
         "source": problem.source,
     }
 

@@ -18,10 +18,11 @@ from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.formats import yaml_file
 from trajopt.judging.falling_velocity import Excess, excess
-from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
+from trajopt.judging.verification import Certificate
 from trajopt.planners.registry import named
 from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Executed, Points, Target, peak
@@ -202,21 +203,22 @@ def print_durations(
 def print_worst(certificate: Certificate, found: Excess | None, problem: Problem) -> None:
     """Print the worst value of each kind, and whether the arm's own velocity limits are kept."""
     table = console.table("worst", "value", "joint", "time [s]")
-    for kind in WORST_KINDS:
-        worst: Worst | None = getattr(certificate, kind)
-        if worst is None:
-            continue
+    for key, use in certificate.uses.items():
+        joint = "" if use.joint is None else _short_label(problem, use.joint)
+        table.row(KINDS[key].name(), KINDS[key].amount(use, problem), joint, f"{use.time:.6f}")
+    for name, worst in {
+        "waypoint": certificate.waypoint,
+        "continuity": certificate.continuity,
+    }.items():
         value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
-        if kind in RATIO_KINDS:
-            value = f"{worst.value:.6f} of limit"
-        elif kind == "position":
-            side = "beyond" if worst.value > 0 else "margin"
-            value = f"{abs(worst.value):.3g} {problem.unit(worst.joint)} {side}"
-        joint = problem.joint_labels[worst.joint].removeprefix("joint ")
-        table.row(kind, value, joint, f"{worst.time:.6f}")
+        table.row(name, value, _short_label(problem, worst.joint), f"{worst.time:.6f}")
     console.OUT.print(table)
     if found is not None:
         console.paragraph(_own_velocity_limits(found, problem))
+
+
+def _short_label(problem: Problem, joint: int) -> str:
+    return problem.joint_labels[joint].removeprefix("joint ")
 
 
 def _own_velocity_limits(found: Excess, problem: Problem) -> str:

@@ -15,7 +15,7 @@ from trajopt.benchmark.suites.catalogue import Suite
 from trajopt.cli import console
 from trajopt.cli.parameters import Json, whole_number
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 
 app = cyclopts.App(
@@ -101,7 +101,7 @@ def _summary(suite: Suite) -> dict[str, Any]:
         "problems": len(rows),
         "joints": [min(joints), max(joints)],
         "waypoints": [min(waypoints), max(waypoints)],
-        "limits": [name for name in LIMIT_NAMES if name in limited],
+        "limits": [key for key in KINDS if key in limited],
     }
 
 
@@ -110,7 +110,7 @@ def _row(problem: Problem) -> dict[str, Any]:
         "name": problem.name,
         "joints": problem.joints,
         "waypoints": len(problem.waypoints),
-        "limits": [name for name in LIMIT_NAMES if problem.has(name)],
+        "limits": list(problem.limits.kinds),
         "digest": problem.digest(),
     }
 

@@ -12,7 +12,7 @@ from math import comb
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 
 # The root is known to 2^-42 of the interval. An extremum's value is then exact to rounding.
 BISECTIONS = 42
@@ -177,6 +177,30 @@ def critical_points(coefficients: Array) -> Array:
     inner = np.nan_to_num(inner, nan=0.0)
     start = np.zeros((1, *inner.shape[1:]))
     return np.concatenate([start, start + 1.0, inner])
+
+
+def positive_intervals(
+    coefficients: Array,
+) -> tuple[Array, Array, tuple[Indices, ...]]:
+    """Every part of `[0, 1]` where a polynomial is positive.
+
+    Between neighbouring roots the sign is that of the middle.
+
+    Returns:
+        The starts and ends of the parts, `(n,)` each, and the index of each one's polynomial.
+    """
+    flat = coefficients.reshape(len(coefficients), -1)
+    roots = unit_roots(flat).reshape(-1, *coefficients.shape[1:])
+    zeros = np.zeros_like(coefficients[:1])
+    knots = np.concatenate([zeros, np.nan_to_num(roots, nan=1.0), zeros + 1.0])
+    knots = np.sort(knots, axis=0)
+    left = knots[:-1]
+    right = knots[1:]
+    middle = 0.5 * (left + right)
+    above = evaluate(coefficients[:, None], middle) > 0
+    found = np.nonzero(above & (right > left))
+    _, *which = found
+    return left[found], right[found], tuple(which)
 
 
 def quadratic_roots(a: Array, b: Array, c: Array) -> Array:

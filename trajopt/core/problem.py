@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, LimitName, Limits
+from trajopt.core.limits import FallingVelocity, Limits
 from trajopt.core.tables import check_joint_names, frozen, waypoint_table
 
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
@@ -85,7 +85,7 @@ class Problem:
         return hash(self.digest())
 
     def __repr__(self) -> str:
-        limits = ", ".join(name for name in LIMIT_NAMES if self.has(name))
+        limits = ", ".join(self.limits.kinds)
         size = f"{len(self.waypoints)} waypoints, {self.joints} joint{'s' * (self.joints > 1)}"
         return f"Problem({self.name!r}, {size}, limits: {limits})"
 
@@ -147,7 +147,7 @@ class Problem:
         merged = replace(self, waypoints=self.waypoints[differs])
         return merged, index
 
-    def without(self, *names: LimitName) -> Problem:
+    def without(self, *names: str) -> Problem:
         """This problem with the named limits lifted: a relaxation of it."""
         return replace(self, limits=self.limits.without(*names))
 
@@ -171,11 +171,9 @@ class Problem:
             self, waypoints=self.waypoints[:, chosen], limits=self.limits.only(chosen), **described
         )
 
-    def has(self, name: LimitName) -> bool:
-        """Return whether any joint has a finite limit of this name."""
-        pairs = self.limits.by_name()[name]
-        finite = np.isfinite(pairs)
-        return bool(finite.any())
+    def has(self, key: str) -> bool:
+        """Return whether a limit of this kind bounds any joint."""
+        return key in self.limits.kinds
 
     def digest(self) -> str:
         """SHA-256 of the numbers (not of names): a changed problem has another digest."""
@@ -186,9 +184,14 @@ class Problem:
         import hashlib  # OpenSSL: not where problems are only listed
 
         digest = hashlib.sha256()
-        limits = self.limits.by_name()
-        for array in (self.waypoints, *limits.values()):
+        always = self.limits.by_name()
+        # Whatever is not there by default counts only where it is there.
+        others = {key: own for key, own in self.limits.kinds.items() if key not in always}
+        parts = [("", self.waypoints), *(("", pairs) for pairs in always.values())]
+        parts += [(key, others[key].numbers) for key in sorted(others)]
+        for key, array in parts:
             numbers = (array + 0.0).astype("<f8")  # −0.0 is 0.0
+            digest.update(key.encode())
             digest.update(repr(array.shape).encode())
             digest.update(numbers.tobytes())
         return digest.hexdigest()

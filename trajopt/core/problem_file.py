@@ -37,10 +37,9 @@ import numpy as np
 
 from trajopt.core import arm_file, files
 from trajopt.core.arm_file import Arm
-from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, Limits
+from trajopt.core.limits import KINDS, FallingVelocity, Limit, Limits
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 
@@ -94,13 +93,13 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     given = table.get("limits", {})
     if not isinstance(given, Mapping):
         raise InvalidInput("limits", "a table of limits", value=given)
-    check_keys("limits.", given, LIMIT_NAMES, () if arm else ("acceleration", "velocity"))
+    check_keys("limits.", given, tuple(KINDS), () if arm else ("acceleration", "velocity"))
     waypoints = waypoint_table(table["waypoints"])
     said = _said_units(table, limits_given=bool(given))
     units = _units(said, waypoints.shape[1])
     kinds = ["m" if unit in LENGTHS else "rad" for unit in units["waypoints"]]
     names = files.names_at(table, "joint_names")
-    of_robot: dict[str, Array] = {}
+    of_robot: dict[str, Limit] = {}
     falling: list[FallingVelocity] = []
     if arm:
         if "m" in kinds:
@@ -110,7 +109,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         check_joint_names(names, len(kinds))
         numbered = enumerate(names)
         chosen = [_index(arm, joint, name) for joint, name in numbered]
-        of_robot = arm.limits.only(chosen).by_name()
+        of_robot = dict(arm.limits.only(chosen).kinds)
         falling = [arm.falling_velocity[joint] for joint in chosen if arm.falling_velocity]
     # Before scaling: errors show what the file says.
     written = Limits(**(of_robot | dict(given)))
@@ -121,12 +120,12 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     for key, own in units.items():
         sizes = [UNITS[unit] for unit in own]
         size[key] = np.array(sizes)
-    scaled = written.scaled(size["limits"]).by_name()
-    kept = {kind: pairs for kind, pairs in of_robot.items() if kind not in given}
+    scaled = written.scaled(size["limits"]).kinds
+    kept = {key: own for key, own in of_robot.items() if key not in given}
     units_known = arm is not None or list in map(type, said.values())
     problem = make(
         waypoints * size["waypoints"],
-        Limits(**(scaled | kept)),
+        Limits(**{**scaled, **kept}),
         name=text_at(table, "name", path.stem),
         source=text_at(table, "source", arm.description if arm else ""),
         joint_names=names,
@@ -180,12 +179,7 @@ def text(problem: Problem, units: Sequence[str] = ()) -> str:
         sizes = [UNITS[own] for own in units]
         table["waypoints"] = np.round(problem.waypoints / sizes, 12).tolist()
         table["units"]["waypoints"] = "deg" if len(set(units)) == 1 else list(units)
-    limits = problem.limits.by_name()
-    table["limits"] = {}
-    for kind in LIMIT_NAMES:
-        if problem.has(kind):
-            pairs = limits[kind].tolist()
-            table["limits"][kind] = [high if low == -high else [low, high] for low, high in pairs]
+    table["limits"] = {key: own.table() for key, own in problem.limits.kinds.items()}
     return tomli_w.dumps(table)
 
 

@@ -108,7 +108,7 @@ class Explanation:
 
 def _row(active: ActiveLimit) -> dict[str, Any]:
     return {
-        "joint": active.joint + 1,
+        "joint": None if active.joint is None else active.joint + 1,
         "limit": active.limit,
         "from": active.start,
         "to": active.end,

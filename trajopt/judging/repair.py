@@ -83,8 +83,8 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
     correction is needed.
     """
     at_limits = problem.has("position")
-    jerk_limited = problem.limits.jerk_limited
-    by_order = {1: ~jerk_limited, 2: jerk_limited}
+    accelerations_too = problem.limits.smooth >= 2
+    by_order = {1: ~accelerations_too, 2: accelerations_too}
     missed = _missed(layout)
     for order, joints in by_order.items():
         if not joints.any():

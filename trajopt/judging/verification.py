@@ -2,35 +2,26 @@
 
 Nothing is sampled, and nothing is tolerated (docs/mathematics.md, sections 2 and 7). A trajectory
 whose misses and jumps are within tolerance is repaired exactly, and the repaired one is judged.
-A piece's polynomial over its limit is its use of the limit. Bernstein coefficients bound that use:
-roots are found only for pieces whose bound exceeds the worst use so far.
+Every limit of the problem is asked for its worst use (`trajopt.core.limits`); none is known here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from trajopt.core import polynomials
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory, WrongType, shown
-from trajopt.core.limits import LIMIT_ORDERS
+from trajopt.core.limits import KINDS, Use
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
-Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
-
-PIECES_PER_CHUNK = 256  # roots are found for so many pieces at once, the largest bounds first
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
-
-RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
-"""The worst values that are ratios to a limit; dilation reduces them."""
-WORST_KINDS = (*RATIO_KINDS, "position", "waypoint", "continuity")
-"""Every worst value of a certificate; those that are no ratio are errors in SI units."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +47,10 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst value of one kind.
+    """The worst miss of a waypoint, or the worst jump.
 
     Attributes:
-        value: a ratio to the limit (velocity, acceleration, jerk), or an error in SI units
-            (position, waypoint, continuity: of the derivative of that `order`).
+        value: an error in SI units, of the derivative of that `order`.
         joint: counted from 0.
         time: s.
         order: of the derivative that jumps.
@@ -76,14 +66,15 @@ class Worst:
 class Certificate:
     """The result of `verify`.
 
-    Peaks of velocity, acceleration and jerk are those of the repaired trajectory, or of the given
-    one where it is beyond repair; `position`, `waypoint` and `continuity` are the given one's.
-    `None` where a kind does not exist for the problem, or is not judged.
+    Uses of limits are those of the repaired trajectory, or of the given one where it is beyond
+    repair; `waypoint`, `continuity` and uses that are no ratios (of position limits) are the given
+    one's.
 
     Attributes:
         duration: of the given trajectory, s.
-        dilation: the exact cheapest factor `k` that brings the trajectory within its velocity,
-            acceleration and jerk limits (section 2); below 1, it could be faster.
+        dilation: the exact cheapest factor `k` that brings the trajectory within its limits
+            (section 2); below 1, it could be faster. Infinite where none does.
+        uses: the worst use of each limit of the problem that is judged, by its key.
         flaws: errors that neither repair nor dilation can remove, in words. With a flaw there is no
             certified duration.
         tolerance: the tolerance used.
@@ -91,14 +82,30 @@ class Certificate:
 
     duration: float
     dilation: float
-    velocity: Worst
-    acceleration: Worst | None
-    jerk: Worst | None
-    position: Worst | None
+    uses: Mapping[str, Use]
     waypoint: Worst
     continuity: Worst
     flaws: tuple[str, ...]
     tolerance: Tolerance
+
+    @property
+    def velocity(self) -> Use:
+        return self.uses["velocity"]
+
+    @property
+    def acceleration(self) -> Use | None:
+        """The worst use of the acceleration limits; None where they are not judged."""
+        return self.uses.get("acceleration")
+
+    @property
+    def jerk(self) -> Use | None:
+        """The worst use of the jerk limits; None where there are none."""
+        return self.uses.get("jerk")
+
+    @property
+    def position(self) -> Use | None:
+        """The worst excess over the position limits, rad; below 0 it is a margin."""
+        return self.uses.get("position")
 
     @property
     def valid(self) -> bool:
@@ -107,9 +114,8 @@ class Certificate:
     @property
     def feasible(self) -> bool:
         """Return whether the trajectory keeps every limit without dilation, within tolerance."""
-        peaks = [getattr(self, kind) for kind in RATIO_KINDS]
-        highest = max(worst.value for worst in peaks if worst)
-        return self.valid and highest <= 1 + self.tolerance.limit
+        ratios = [use.value for key, use in self.uses.items() if KINDS[key].is_ratio]
+        return self.valid and max(ratios, default=0.0) <= 1 + self.tolerance.limit
 
     @property
     def certified_duration(self) -> float | None:
@@ -117,10 +123,6 @@ class Certificate:
         if not self.valid:
             return None
         return max(1.0, self.dilation) * self.duration
-
-    def without_acceleration(self) -> Certificate:
-        """Return the certificate that does not judge accelerations: nothing says their limits."""
-        return replace(self, acceleration=None, dilation=_dilation(self.velocity, None, self.jerk))
 
     def __repr__(self) -> str:
         if not self.valid:
@@ -132,24 +134,38 @@ class Certificate:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: joints count from 1, limits give a `ratio`, misses an `error`."""
+        """For JSON: joints count from 1, limits give a `ratio`, misses an `error`.
+
+        None where the problem has no limit of a kind, or it is not judged.
+        """
         table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
-        for kind in WORST_KINDS:
-            worst: Worst | None = getattr(self, kind)
-            if worst is None:
-                table[kind] = None
-                continue
-            word = "ratio" if kind in RATIO_KINDS else "error"
-            table[kind] = {word: worst.value, "joint": worst.joint + 1, "time": worst.time}
-            if kind == "continuity":
-                table[kind]["order"] = worst.order
+        for key, kind in KINDS.items():
+            use = self.uses.get(key)
+            word = "ratio" if kind.is_ratio else "error"
+            table[key] = None
+            if use is not None:
+                joint = None if use.joint is None else use.joint + 1
+                table[key] = {word: use.value, "joint": joint, "time": use.time}
+        for key, worst in {"waypoint": self.waypoint, "continuity": self.continuity}.items():
+            table[key] = {"error": worst.value, "joint": worst.joint + 1, "time": worst.time}
+        table["continuity"]["order"] = self.continuity.order
         return table
 
 
 def verify(
-    problem: Problem, trajectory: Trajectory, tolerance: Tolerance | None = None
+    problem: Problem,
+    trajectory: Trajectory,
+    tolerance: Tolerance | None = None,
+    *,
+    unjudged: Collection[str] = (),
 ) -> Certificate:
     """Judge a trajectory exactly against a problem.
+
+    Args:
+        problem: what is asked.
+        trajectory: the answer.
+        tolerance: of misses and jumps that are repaired.
+        unjudged: keys of limits that do not count.
 
     Raises:
         WrongType: It is no `Trajectory`, or the first argument no `Problem`.
@@ -157,7 +173,7 @@ def verify(
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _judged(problem, trajectory, tolerance or Tolerance())[0]
+        return _judged(problem, trajectory, tolerance or Tolerance(), unjudged)[0]
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
@@ -195,7 +211,7 @@ def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
 
 
 def _judged(
-    problem: Problem, trajectory: Trajectory, tolerance: Tolerance
+    problem: Problem, trajectory: Trajectory, tolerance: Tolerance, unjudged: Collection[str] = ()
 ) -> tuple[Certificate, Trajectory]:
     """The certificate, and the trajectory that has its peaks: repaired, if that is possible."""
     allowed = _allowed(problem, trajectory.duration, tolerance)
@@ -216,41 +232,35 @@ def _judged(
 
     repair = None if flaws else repaired(problem, trajectory)
     judged = repair or trajectory
-    limits = problem.limits
-    velocity = _peak(judged, 1, limits.velocity, _ratio)
-    acceleration = _peak(judged, 2, limits.acceleration, _ratio)
-    jerk = None
-    if problem.has("jerk"):
-        jerk = _peak(judged, 3, limits.jerk, _ratio)
-    position = None
-    if problem.has("position"):
-        position = _peak(trajectory, 0, limits.position, _excess)
-    dilation = _dilation(velocity, acceleration, jerk)
-    if position and position.value > allowed.position_limit[position.joint]:
-        flaws.insert(0, _say(problem, position, "leaves its position limits by"))
+    uses = {}
+    dilation = 0.0
+    overflowing = False
+    for key, limit in problem.limits.kinds.items():
+        if key in unjudged:
+            continue
+        use = limit.worst(judged if limit.is_ratio else trajectory)
+        uses[key] = use
+        needed = limit.dilation(use)
+        dilation = float(np.maximum(dilation, needed))  # what is not a number stays so
+        flaw = limit.flaw(use, allowed.position_limit, problem)
+        if flaw:
+            flaws.insert(0, flaw)
+        elif not np.isfinite(needed * judged.duration):
+            overflowing = True
     if repair is None and not flaws:
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
-    if not np.isfinite(dilation * judged.duration):
+    if overflowing:
         flaws.append("its peaks are not finite numbers")
     certificate = Certificate(
         duration=trajectory.duration,
         dilation=dilation,
-        velocity=velocity,
-        acceleration=acceleration,
-        jerk=jerk,
-        position=position,
+        uses=uses,
         waypoint=waypoint,
         continuity=continuity,
         flaws=tuple(flaws),
         tolerance=tolerance,
     )
     return certificate, judged
-
-
-def _dilation(*worst: Worst | None) -> float:
-    """`k = max(peak v / V, sqrt(peak a / A), cbrt(peak j / J))` (section 2), of those there are."""
-    factors = [own.value ** (1 / order) for order, own in enumerate(worst, start=1) if own]
-    return float(np.max(factors))  # a factor that is not a number stays one
 
 
 @dataclass(frozen=True)
@@ -285,89 +295,12 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
     position_jump = tolerance.position * largest + coordinates + rounded * V
     velocity_jump = tolerance.jump * reached_velocity + rounded * A
     acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
-    acceleration_jump = np.where(limits.jerk_limited, acceleration_jump, np.inf)
+    acceleration_jump = np.where(limits.smooth >= 2, acceleration_jump, np.inf)
     return _Allowed(
         waypoint=tolerance.position * largest + coordinates,
         position_limit=tolerance.position_limit * largest + coordinates,
         blur=tolerance.position * largest + 4 * coordinates,
         jumps=(position_jump, velocity_jump, acceleration_jump),
-    )
-
-
-def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    upwards = (values + rounding) / high
-    downwards = (values - rounding) / low
-    return np.maximum(upwards, downwards)
-
-
-def _excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    above = values + rounding - high
-    below = low - values + rounding
-    return np.maximum(above, below)
-
-
-class _Peak(NamedTuple):
-    """A measured value, and where: `share` of the piece has passed. Tuples order by value."""
-
-    value: float
-    piece: int
-    joint: int
-    share: float
-
-
-def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -> Worst:
-    """The exact worst of a convex measure of a derivative, over all pieces and joints.
-
-    Rounded up by what evaluating the polynomials may round.
-    """
-    low, high = limits.T
-    unit = trajectory.pieces(order)
-    rounding = polynomials.evaluation_rounding(unit)
-    if not np.isfinite(rounding).all():
-        beyond = np.where(np.isfinite(rounding), 0.0, np.inf)
-        allowed = np.ones(trajectory.joints)
-        worst, _ = _worst_of(beyond, allowed, trajectory.breaks, order)
-        return replace(worst, value=np.nan)
-    starts = unit[-1]
-    stops = unit.sum(axis=0)
-    both = np.stack([starts, stops])
-    ends = measure(both, rounding, low, high)
-    side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
-    highest = float(ends.max())
-    best = _Peak(highest, int(piece), int(joint), float(side))
-
-    # No piece exceeds its bound: roots are needed only where the bound exceeds the worst so far.
-    bounds = measure(polynomials.bernstein(unit), rounding, low, high)
-    bounds = bounds.max(axis=0)
-    by_bound = np.argsort(-bounds, axis=None)
-    for start in range(0, bounds.size, PIECES_PER_CHUNK):
-        chunk = by_bound[start : start + PIECES_PER_CHUNK]
-        promising = chunk[bounds.ravel()[chunk] > best.value]
-        if not len(promising):
-            break
-        where = np.unravel_index(promising, bounds.shape)
-        best = max(best, _peak_among(unit, rounding, where, limits, measure))
-    elapsed = best.share * trajectory.lengths[best.piece]
-    time = trajectory.breaks[best.piece] + elapsed
-    return Worst(best.value + 0.0, best.joint, float(time))
-
-
-def _peak_among(
-    unit: Array, rounding: Array, where: tuple[Indices, ...], limits: Array, measure: Measure
-) -> _Peak:
-    """The worst of some pieces, from their critical points."""
-    pieces, joints = where
-    candidates = unit[:, pieces, joints]
-    points = polynomials.critical_points(candidates)
-    values = polynomials.evaluate(candidates[:, None], points)
-    low, high = limits[joints].T
-    measured = measure(values, rounding[pieces, joints], low, high)
-    row, i = np.unravel_index(np.argmax(measured), measured.shape)
-    return _Peak(
-        value=float(measured[row, i]),
-        piece=int(pieces[i]),
-        joint=int(joints[i]),
-        share=float(points[row, i]),
     )
 
 

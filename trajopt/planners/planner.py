@@ -31,7 +31,6 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput, MissingBackend
-from trajopt.core.limits import LimitName
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -43,6 +42,16 @@ class Relation(Enum):
     SAME = "solves the same problem"
     RESTRICTION = "cannot beat the optimum"
     RELAXATION = "ignores a limit: its motion may break it"
+
+
+def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
+    """Wrap `unsupported` to refuse kinds of limits that the planner does not know, too."""
+
+    @wraps(unsupported)
+    def checked(self: Planner, problem: Problem) -> str | None:
+        return Planner.unsupported(self, problem) or unsupported(self, problem)
+
+    return checked
 
 
 def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
@@ -78,15 +87,19 @@ class Planner(ABC):
         requires: Modules that `solve` imports, from packages that may be missing: looked for before
             the planner is listed, and imported before its time is taken.
         extra: The extra of this package that installs them, if there is one.
-        knows: Kinds of limits that it plans for. The verifier dilates an answer that breaks another
-            kind, or finds it outside its position limits.
+        knows: Kinds of limits that it plans for, by their keys. A problem with another kind is
+            unsupported, unless that kind is `forgiven` (`trajopt.core.limits.Limit`): the verifier
+            dilates an answer that breaks it, or finds it outside its position limits.
+        drops: Whether it leaves out the kinds that it does not know, whichever they are, and says
+            so: what it proves of fewer limits holds under all.
     """
 
     stochastic: bool = False
     on_request: bool = False
     requires: tuple[str, ...] = ()
     extra: str = ""
-    knows: tuple[LimitName, ...] = ("velocity", "acceleration")
+    knows: tuple[str, ...] = ("velocity", "acceleration")
+    drops: bool = False
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Make a class's own `solve` and `solve_batch` refuse what it cannot solve.
@@ -98,6 +111,11 @@ class Planner(ABC):
         for name in ("solve", "solve_batch"):
             if name in vars(cls):
                 setattr(cls, name, _refusing(vars(cls)[name]))
+        own = vars(cls).get("unsupported")
+        if isinstance(own, staticmethod):
+            cls.unsupported = _knowing(lambda _, problem: own(problem))  # type: ignore[method-assign]
+        elif own is not None:
+            cls.unsupported = _knowing(own)  # type: ignore[method-assign]
 
     @abstractmethod
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -125,8 +143,19 @@ class Planner(ABC):
         return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
-        """Return why it cannot solve this problem, from a quick look; None if it can."""
-        return None
+        """Return why it cannot solve this problem, from a quick look; None if it can.
+
+        A planner's own reasons come after the kinds of limits that it does not know.
+        """
+        limits = problem.limits.kinds
+        refused = [limits[key].name() for key in self.unknown(problem) if not limits[key].forgiven]
+        if self.drops or not refused:
+            return None
+        return f"it does not know {' and '.join(refused)} limits"
+
+    def unknown(self, problem: Problem) -> list[str]:
+        """Return the kinds of the problem's limits that it does not plan for, by their keys."""
+        return [key for key in problem.limits.kinds if key not in self.knows]
 
     def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
         """Return the fastest timing of a given trajectory's path; by default unsupported."""
@@ -250,7 +279,9 @@ def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any,
 
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-_FUNCTION_ATTRIBUTES = ("stochastic", "on_request", "requires", "knows", "relation", "unsupported")
+_FUNCTION_ATTRIBUTES = (
+    *("stochastic", "on_request", "requires", "knows", "drops", "relation", "unsupported"),
+)
 
 
 def adapted(planner: object) -> Planner:

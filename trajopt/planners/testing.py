@@ -18,7 +18,7 @@ import cloudpickle
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, TrajoptError
-from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.judging.verification import verify
@@ -123,7 +123,7 @@ def _check_on(planner: Planner, problem: Problem) -> str:
     if planner.stochastic:
         between = "for the same seed"
     _require(_equal(solutions[0], again), f"solve differs {between}")
-    unknown = [kind for kind in LIMIT_NAMES if problem.has(kind) and kind not in planner.knows]
+    unknown = planner.unknown(problem)
     verdict = ""
     for solution in reversed(solutions):
         keeps_word = solution.status is not Status.RELAXED or relation is Relation.RELAXATION

@@ -33,8 +33,9 @@ def test_what_was_judged_holds(tmp_path):
 
 
 def wrong_worst(trial, **changes):
-    worst = replace(trial.certificate.velocity, **changes)
-    return replace(trial, certificate=replace(trial.certificate, velocity=worst))
+    uses = trial.certificate.uses
+    wrong = {**uses, "velocity": uses["velocity"]._replace(**changes)}
+    return replace(trial, certificate=replace(trial.certificate, uses=wrong))
 
 
 @pytest.mark.parametrize(

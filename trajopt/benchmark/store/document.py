@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.trial import well_formed
-from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.files import check_keys
 from trajopt.core.harmless import harmless
-from trajopt.core.limits import LIMIT_NAMES, Limits
+from trajopt.core.limits import Limit, Limits, named
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -180,14 +179,7 @@ def _trajectory(table: Any) -> Trajectory | None:
 
 def problem_table(problem: Problem) -> dict[str, Any]:
     """Return a problem's numbers and names in JSON's terms; null is no limit."""
-    limits = {}
-    for name in LIMIT_NAMES:
-        if problem.has(name):
-            rows = []
-            for low, high in getattr(problem.limits, name).tolist():
-                pair = [_finite(low), _finite(high)]
-                rows.append(pair)
-            limits[name] = rows
+    limits = {key: _finite(own.numbers.tolist()) for key, own in problem.limits.kinds.items()}
     table = {
         "name": harmless(problem.name, lines=False),
         "source": harmless(problem.source),
@@ -201,8 +193,11 @@ def problem_table(problem: Problem) -> dict[str, Any]:
     return table
 
 
-def _finite(limit: float) -> float | None:
-    return limit if isfinite(limit) else None
+def _finite(numbers: Any) -> Any:
+    """Numbers in nested lists, None for those that are not finite."""
+    if isinstance(numbers, list):
+        return [_finite(item) for item in numbers]
+    return numbers if isfinite(numbers) else None
 
 
 def problem_of(table: Any) -> Problem:
@@ -217,7 +212,7 @@ def problem_of(table: Any) -> Problem:
     for text in (table["name"], table["source"], *joint_names, *joint_units):
         if not isinstance(text, str):
             raise Malformed(f"problem: expected text, found {text!r:.80}")
-    limits = Limits(**{name: _pairs(name, rows) for name, rows in table["limits"].items()})
+    limits = Limits(**{key: _limit(key, rows) for key, rows in table["limits"].items()})
     problem = Problem(
         table["waypoints"], limits, table["name"], table["source"], joint_names, joint_units
     )
@@ -227,12 +222,13 @@ def problem_of(table: Any) -> Problem:
     return problem
 
 
-def _pairs(name: str, rows: Any) -> Array:
-    """Pairs of limits; null is no limit."""
-    if not isinstance(rows, list) or {np.shape(row) for row in rows} != {(2,)}:
-        raise Malformed(f"problem.limits.{name}: expected a pair [low, high] per joint")
-    pairs = np.array(rows, dtype=float)
-    return np.where(np.isnan(pairs), [-np.inf, np.inf], pairs)
+def _limit(key: str, rows: Any) -> Limit:
+    """A limit of stored numbers; null is none."""
+    try:
+        numbers = np.array(rows, dtype=float)
+        return named(key).of_numbers(numbers)
+    except (TypeError, ValueError, IndexError):
+        raise Malformed(f"problem.limits.{key}: expected numbers, a row per joint") from None
 
 
 # --- tables ---

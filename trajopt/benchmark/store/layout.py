@@ -24,9 +24,8 @@ from trajopt.benchmark.store import fields
 from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.store.fields import FIELDS, Field
 from trajopt.benchmark.trial import Trial
-from trajopt.core.limits import LIMIT_ORDERS
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
-from trajopt.judging.verification import RATIO_KINDS
 
 References = Callable[[Sequence[Trial]], Mapping[str, float]]
 """Return the duration that gaps are measured against, s, by the problem's digest."""
@@ -60,7 +59,7 @@ RUN_NAMES = {
     "history/duration": "its shortest certified duration by then; NaN: no candidate yet",
     "uses/limit": "the limit; `position_excess` says what is beyond a position limit",
     "uses/value": "largest value over the limit, so 1 is at the limit",
-    "uses/joint": "joint that has it, counted from 1",
+    "uses/joint": "joint that has it, counted from 1; 0: not one joint's",
     "uses/time": "when it has it",
 }
 """The meaning of each name, stated once: attributes of `/problems` and `/runs`."""
@@ -125,11 +124,10 @@ def _columns(trials: Sequence[Trial], references: References | None) -> dict[str
 
 def _problem(problem: Problem) -> Group:
     limits: dict[str, Group | Data] = {
-        name: Data(getattr(problem.limits, name), _unit(problem, order))
-        for name, order in LIMIT_ORDERS.items()
-        if problem.has(name)
+        key: Data(own.numbers, _ascii(own.unit(problem)))
+        for key, own in problem.limits.kinds.items()
     }
-    waypoints = Data(problem.waypoints, _unit(problem, 0))
+    waypoints = Data(problem.waypoints, problem.shared_unit())
     about = {
         "name": problem.name,
         "source": problem.source,
@@ -140,9 +138,9 @@ def _problem(problem: Problem) -> Group:
     return Group({"waypoints": waypoints, "limits": Group(limits)}, pack(about))
 
 
-def _unit(problem: Problem, order: int) -> str:
-    """Return the unit of a derivative in ASCII: `h5dump` shows nothing else."""
-    return problem.shared_unit(order).replace("²", "^2").replace("³", "^3")
+def _ascii(unit: str) -> str:
+    """Return a unit in ASCII: `h5dump` shows nothing else."""
+    return unit.replace("²", "^2").replace("³", "^3")
 
 
 def _run(trial: Trial, verdict: Mapping[str, Any]) -> Group:
@@ -152,7 +150,7 @@ def _run(trial: Trial, verdict: Mapping[str, Any]) -> Group:
     run = Group(attributes={**verdict, "units": "\n".join(lines)})
     trajectory = trial.solution.trajectory
     if trajectory is not None:
-        unit = _unit(trial.problem, 1)  # per s
+        unit = trial.problem.shared_unit(1)  # per s
         run.members["trajectory"] = Group(
             {
                 "breaks": Data(trajectory.breaks, "s"),
@@ -182,11 +180,11 @@ def _run(trial: Trial, verdict: Mapping[str, Any]) -> Group:
 
 
 def _uses(trial: Trial) -> Iterator[tuple[str, float, int, float]]:
-    """Yield limit, largest value over it, joint from 1, and time, s."""
-    for name in RATIO_KINDS:
-        worst = getattr(trial.certificate, name, None)
-        if worst is not None:
-            yield name, worst.value, worst.joint + 1, worst.time
+    """Yield limit, largest value over it, joint from 1 (0: not one joint's), and time, s."""
+    uses = trial.certificate.uses if trial.certificate else {}
+    for key, use in uses.items():
+        if KINDS[key].is_ratio:
+            yield key, use.value, 0 if use.joint is None else use.joint + 1, use.time
 
 
 # --- names ---

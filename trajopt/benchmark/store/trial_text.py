@@ -39,9 +39,10 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
 from trajopt.core.harmless import harmless
+from trajopt.core.limits import KINDS, Use
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
-from trajopt.judging.verification import WORST_KINDS, Certificate, Tolerance, Worst
+from trajopt.judging.verification import Certificate, Tolerance, Worst
 from trajopt.planners.planner import Relation
 
 SCHEMA = 4  # raise it whenever a reader of this version could misread a text or `results.h5`
@@ -50,6 +51,8 @@ START = b'{\n"schema": "trajopt-'
 
 _NAMES = [field.name for field in fields.OWN_FIELDS]
 _KEYS = ("schema", "sha256", "id", "problem", *_NAMES, "certificate", "solution")
+_VERDICT = ("duration", "dilation", "flaws")
+_ERRORS = ("waypoint", "continuity")
 _HEAD = re.compile(
     rb'\{\n"schema": "trajopt-(?P<schema>\d{1,9})",\n'
     rb'"sha256": "(?P<sha256>[0-9a-f]{64})",\n'
@@ -209,39 +212,65 @@ def certificate_table(certificate: Certificate | None) -> Any:
     """Return a certificate in JSON's terms; joints count from 1."""
     if certificate is None:
         return None
-    table = asdict(certificate)
-    for name in WORST_KINDS:
-        if table[name] is not None:
+    table: dict[str, Any] = {name: getattr(certificate, name) for name in _VERDICT}
+    for key in KINDS:
+        use = certificate.uses.get(key)
+        table[key] = use and use._asdict()
+    table |= {name: asdict(getattr(certificate, name)) for name in _ERRORS}
+    for name in (*KINDS, *_ERRORS):
+        if table[name] and table[name]["joint"] is not None:
             table[name]["joint"] += 1
+    table["tolerance"] = asdict(certificate.tolerance)
     return pack(table)
 
 
 def certificate_of(table: Any, problem: Problem) -> Certificate | None:
-    """Return the stated certificate; `TypeError` where it has other keys than a certificate."""
+    """Return the stated certificate.
+
+    Raises:
+        ValueError, TypeError: It is none, or has uses of limits that are not known here.
+    """
     if table is None:
         return None
-    flaws = table["flaws"]
+    check_table("certificate", table, (*_VERDICT, *_ERRORS, "tolerance"), KINDS)
+    stated = unpack(table)
+    flaws = stated["flaws"]
     if not isinstance(flaws, list) or not all(isinstance(flaw, str) for flaw in flaws):
         raise Malformed("certificate: flaws: expected texts")
-    values = {**table, "flaws": tuple(flaws)}
-    for name in WORST_KINDS:
-        if values[name] is not None:
-            values[name] = _worst(name, values[name], problem)
-    values["tolerance"] = Tolerance(**values["tolerance"])
-    certificate = Certificate(**values)
+    uses = {key: _use(key, stated[key], problem) for key in KINDS if stated.get(key)}
+    errors = {name: _worst(name, stated[name], problem) for name in _ERRORS}
+    certificate = Certificate(
+        duration=stated["duration"],
+        dilation=stated["dilation"],
+        uses=uses,
+        flaws=tuple(flaws),
+        tolerance=Tolerance(**stated["tolerance"]),
+        **errors,
+    )
     numbers = (certificate.duration, certificate.dilation)
     _check_numbers("certificate", (*numbers, *vars(certificate.tolerance).values()))
     return certificate
 
 
+def _use(key: str, table: Any, problem: Problem) -> Use:
+    numbers = {name: table[name] for name in Use._fields}
+    joint = numbers.pop("joint")
+    _check_numbers(key, numbers.values())
+    return Use(joint=None if joint is None else _joint(key, joint, problem), **numbers)
+
+
 def _worst(name: str, table: Any, problem: Problem) -> Worst:
     _check_numbers(name, table.values())
-    joint = table["joint"] - 1
-    if joint not in range(problem.joints) or table["order"] not in range(3):
-        order = table["order"]
-        where = f"joint {joint + 1:g}, order {order:g}"
-        raise Malformed(f"certificate: {name}: {where}")
-    return Worst(**{**table, "joint": joint})
+    if table["order"] not in range(3):
+        raise Malformed(f"certificate: {name}: order {table['order']:g}")
+    return Worst(**{**table, "joint": _joint(name, table["joint"], problem)})
+
+
+def _joint(name: str, joint: Any, problem: Problem) -> int:
+    """The index of a joint that is stated by its number from 1."""
+    if type(joint) is not int or joint - 1 not in range(problem.joints):
+        raise Malformed(f"certificate: {name}: joint {joint!r:.80}")
+    return joint - 1
 
 
 def _check_numbers(name: str, values: Iterable[Any]) -> None:

@@ -24,9 +24,10 @@ from trajopt.benchmark.store import proofs, trial_text
 from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core import files
 from trajopt.core.exceptions import TrajoptError
+from trajopt.core.limits import KINDS
 from trajopt.core.solution import Status
 from trajopt.explain.references import PROOF
-from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate
+from trajopt.judging.verification import Certificate
 
 DURATION_RTOL = 1e-9  # between a stated duration and the computed one
 CERTIFICATE_RTOL = 1e-6  # between a certificate's uses of limits
@@ -84,13 +85,13 @@ def changed(then: Trial, now: Trial) -> list[str]:
     claim = getattr(then.certificate, "duration", then.claimed_duration)
     if not _close(then.claimed_duration, claim, rtol=DURATION_RTOL, atol=0.0):
         found.append(_difference("duration", then.claimed_duration, claim))
-    for kind in WORST_KINDS:
-        rtol = CERTIFICATE_RTOL if kind in RATIO_KINDS else 0.0
-        atol = 0.0 if kind in RATIO_KINDS else CERTIFICATE_ATOL
-        new = _worst_value(now.certificate, kind)
-        old = _worst_value(then.certificate, kind)
+    values = [_worst_values(own.certificate) for own in (now, then)]
+    for name in {**values[0], **values[1]}:
+        new, old = (own.get(name) for own in values)
+        is_use = name in KINDS and KINDS[name].is_ratio
+        rtol, atol = (CERTIFICATE_RTOL, 0.0) if is_use else (0.0, CERTIFICATE_ATOL)
         if not _close(new, old, rtol=rtol, atol=atol):
-            found.append(_difference(f"certificate's {kind}", new, old))
+            found.append(_difference(f"certificate's {name}", new, old))
     return found
 
 
@@ -113,9 +114,13 @@ def _proved(trial: Trial) -> float | None:
     return None
 
 
-def _worst_value(certificate: Certificate | None, kind: str) -> float | None:
-    worst = getattr(certificate, kind, None)
-    return worst.value if worst else None
+def _worst_values(certificate: Certificate | None) -> dict[str, float]:
+    """The worst use of every limit, and the worst miss and jump, by name."""
+    if certificate is None:
+        return {}
+    values = {key: use.value for key, use in certificate.uses.items()}
+    errors = {"waypoint": certificate.waypoint, "continuity": certificate.continuity}
+    return values | {name: worst.value for name, worst in errors.items()}
 
 
 def _close(now: Any, then: Any, *, rtol: float, atol: float) -> bool:

@@ -19,6 +19,7 @@ from trajopt.benchmark.store.document import trajectory_table
 from trajopt.benchmark.store.folder import save
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import InvalidInput, StoreError, WrongType, shown
+from trajopt.core.limits import KINDS
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, on_cycle, samples_csv
 from trajopt.formats.on_cycle import OnCycle
@@ -31,7 +32,6 @@ Points = Literal["breaks", "cycles"]
 MESSAGES = (".yaml", ".yml")
 _PICTURES = (".png", ".svg", ".pdf")
 _ENDINGS = (".csv", ".json", *MESSAGES, *_PICTURES, ".h5")
-_KINDS = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
@@ -225,14 +225,7 @@ def _judged(trial: Trial, planned: Trajectory, motion: OnCycle, samples: Samples
 
 def peak(certificate: Certificate, trial: Trial) -> str:
     """The highest use of a limit, in words."""
-    values = {}
-    joints = {}
-    for kind in _KINDS:
-        worst = getattr(certificate, kind)
-        if worst is not None:
-            values[kind] = worst.value
-            joints[kind] = worst.joint
-    highest = max(values, key=values.__getitem__)
-    joint = joints[highest]
-    label = trial.problem.joint_labels[joint]
-    return f"its peak is {values[highest]:.5f} of the {highest} limit of {label}"
+    ratios = {key: use for key, use in certificate.uses.items() if KINDS[key].is_ratio}
+    key, use = max(ratios.items(), key=lambda item: item[1].value)
+    words = f"its peak is {use.value:.5f} of the {KINDS[key].name()} limit"
+    return words if use.joint is None else f"{words} of {trial.problem.joint_labels[use.joint]}"

@@ -23,9 +23,10 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import StoreError
-from trajopt.core.limits import LimitName
+from trajopt.core.limits import KINDS
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.planners.planner import Planner
 from trajopt.views.analysis.curves import anytime, counted, everywhere, gap_shares, profile
 from trajopt.views.analysis.gap_reference import references
 from trajopt.views.analysis.overview import competing, measured
@@ -314,8 +315,8 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     certified = best.certified_trajectory
     if certified is not None:
         return certified, "exact optimum"
-    limits: list[LimitName] = ["jerk", "position"]
-    ignored = " or ".join(name for name in limits if problem.has(name))
+    unknown = [key for key in problem.limits.kinds if key not in Planner.knows]
+    ignored = " or ".join(KINDS[key].name() for key in unknown)
     return best.solution.trajectory, f"best known without {ignored} limits (relaxed)"
 
 

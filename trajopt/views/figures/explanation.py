@@ -11,7 +11,6 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from trajopt.core.arrays import Array
-from trajopt.core.limits import LIMIT_ORDERS, LimitName
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures.plots import Look, Picture, styled
@@ -23,11 +22,6 @@ _SAMPLES = 1500
 _BAR_WIDTH = 0.62
 _SHORT_DASHES = (0, (3, 2))
 _LONG_DASHES = (0, (4, 1.5))
-_SHORT_NAMES: dict[LimitName, str] = {
-    "velocity": "vel.",
-    "acceleration": "acc.",
-    "jerk": "jerk",
-}  # in the labels of rows
 
 
 @styled
@@ -98,7 +92,7 @@ def _numbers(axes: Axes, ends: Array) -> None:
 def limit_use(
     problem: Problem, trajectory: Trajectory, optimum: Trajectory | None = None, title: str = ""
 ) -> Figure:
-    """Each moving joint's velocity and acceleration (jerk) over its limit, against time.
+    """The use of each limit of each moving joint, against time.
 
     On top the highest use of any limit: where it is below 1, time is wasted. The optimum, if given,
     is drawn beneath on the same time axis.
@@ -162,7 +156,7 @@ def _heat(axes: Axes, problem: Problem, trajectory: Trajectory) -> QuadMesh:
 
 
 def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str], Array]:
-    """Names and use of every finite limit of the moving joints, joint by joint.
+    """Names and use of every limit, joint by joint; at last of those that are not one joint's.
 
     Args:
         problem: whose limits they are.
@@ -172,15 +166,16 @@ def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str],
     Returns:
         Names, and uses `(names, m)`: 1 is at the limit.
     """
-    names = []
-    rows = []
-    for joint in np.flatnonzero(problem.moving):
-        name = text(problem.joint_labels[joint])
-        for kind, short in _SHORT_NAMES.items():
-            low, high = getattr(problem.limits, kind)[joint]
-            if np.isfinite(high - low):
-                values = trajectory(t, LIMIT_ORDERS[kind])[:, joint]
-                use = np.maximum(values / high, values / low)
-                names.append(f"{name} {short}")
-                rows.append(use)
-    return names, np.array(rows)
+    uses: list[tuple[float, str, Array]] = []
+    for limit in problem.limits.kinds.values():
+        if not limit.is_ratio:
+            continue
+        for joint, use in limit.along(trajectory, t).items():
+            if joint is None:
+                uses.append((np.inf, limit.short, use))
+            elif problem.moving[joint]:
+                name = text(problem.joint_labels[joint])
+                uses.append((joint, f"{name} {limit.short}", use))
+    uses.sort(key=lambda row: row[0])
+    names = [name for _, name, _ in uses]
+    return names, np.array([use for _, _, use in uses])

@@ -13,7 +13,7 @@ import pandas as pd
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
@@ -279,7 +279,7 @@ def _rows(page: Page) -> list[dict[str, Any]]:
 
 
 def limit_kinds(problem: Problem) -> str:
-    return ", ".join(name for name in LIMIT_NAMES if problem.has(name))
+    return ", ".join(KINDS[key].name() for key in problem.limits.kinds)
 
 
 def _built_in(problem: Problem) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import Stretch, share_at_limits, stretches
@@ -101,7 +102,7 @@ def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]
     """
     motion = []
     for own in stretches(problem, trajectory):
-        if own.limit != "position":
+        if KINDS[own.limit].is_ratio:
             motion.append(own)
     longest = sorted(motion, key=lambda own: own.start - own.end)
     share = share_at_limits(problem, trajectory)

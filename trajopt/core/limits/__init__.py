@@ -1,0 +1,35 @@
+"""Kinds of limits, an object each; nobody else knows their names.
+
+In reading order:
+
+- `limit`: what a kind of limit must offer, and the list of all kinds;
+- `peaks`: the exact peak of a derivative over a whole motion;
+- `joint_limit`: an interval for a joint's position or one of its derivatives;
+- `limits`: all limits of a problem.
+
+A new kind is a subclass of `Limit` in a file of its own, imported here. Files, digests,
+certificates, tables and figures then have it.
+"""
+
+from trajopt.core.limits.falling_velocity import FallingVelocity
+from trajopt.core.limits.joint_limit import Acceleration, Jerk, JointLimit, Position, Velocity
+from trajopt.core.limits.limit import KINDS, Interval, Limit, Use, named
+from trajopt.core.limits.limits import LIMIT_NAMES, LIMIT_ORDERS, LimitName, Limits
+
+__all__ = [
+    "KINDS",
+    "LIMIT_NAMES",
+    "LIMIT_ORDERS",
+    "Acceleration",
+    "FallingVelocity",
+    "Interval",
+    "Jerk",
+    "JointLimit",
+    "Limit",
+    "LimitName",
+    "Limits",
+    "Position",
+    "Use",
+    "Velocity",
+    "named",
+]

@@ -1,0 +1,179 @@
+"""A kind of limit: one demand on a whole motion. Judge, files and figures ask each, and know none.
+
+The four kinds of every robot are in `joint_limit`. A new kind is one subclass in one file; its
+`key` enters it in `KINDS`, over which everybody iterates.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from trajopt.core.arrays import Array, Bools
+from trajopt.core.exceptions import UnknownName
+
+if TYPE_CHECKING:
+    from trajopt.core.problem import Problem
+    from trajopt.core.trajectory import Trajectory
+
+KINDS: dict[str, type[Limit]] = {}
+"""Every kind of limit by its key, in the order of tables and files."""
+
+
+class Use(NamedTuple):
+    """The worst use of one limit.
+
+    Attributes:
+        value: a ratio, 1 at the limit; of a kind that is none (`Limit.is_ratio`), the excess in SI
+            units, below 0 inside the limit.
+        joint: counted from 0; None where the limit is not one joint's.
+        time: s.
+    """
+
+    value: float
+    joint: int | None
+    time: float
+
+
+class Interval(NamedTuple):
+    """A time in which a limit is active: the joint (None if not one joint's), start and end, s."""
+
+    joint: int | None
+    start: float
+    end: float
+
+
+class Limit(ABC):
+    """A demand on a whole motion. Its numbers are SI: rad (or m) and s.
+
+    Attributes:
+        key: its name in problem files, certificates, JSON, HDF5 and tables.
+        degree: dilating by `k` divides the use by `k ** degree`; None where no dilation helps.
+        is_ratio: whether the use is a ratio, of the motion as repaired. If not, it is an excess in
+            SI units, of the motion as given: one beyond the tolerance is a flaw.
+        short: its name in a figure's labels.
+        smooth: the highest derivative that may not jump under it; the repair makes it continuous.
+        forgiven: whether a planner that does not know the kind may plan without it, because the
+            verifier mends or reports what its answer breaks. Other kinds are refused for it.
+    """
+
+    key: ClassVar[str]
+    short: ClassVar[str]
+    degree: ClassVar[int | None] = 1
+    is_ratio: ClassVar[bool] = True
+    smooth: ClassVar[int] = 0
+    forgiven: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "key" in vars(cls):
+            KINDS[cls.key] = cls
+            cls.short = vars(cls).get("short", cls.name())
+
+    # --- what it is made of ---
+
+    @property
+    @abstractmethod
+    def numbers(self) -> Array:
+        """All its numbers, for digests and stores; NaN or infinite where nothing is limited."""
+
+    @classmethod
+    @abstractmethod
+    def of_numbers(cls, numbers: Array) -> Self:
+        """The limit of stored numbers, NaN where one is not finite; raises `InvalidInput`."""
+
+    @classmethod
+    @abstractmethod
+    def read(cls, value: Any, joints: int) -> Self:
+        """The limit that a person wrote in a problem file or in Python.
+
+        Raises:
+            InvalidInput: Names the key, the joint, the value, and what would be right.
+        """
+
+    @abstractmethod
+    def table(self) -> Any:
+        """What `read` reads, in the terms of TOML."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> Bools:
+        """Which joints it bounds, `(joints,)`."""
+
+    # --- the same limit, otherwise ---
+
+    @abstractmethod
+    def only(self, joints: Array) -> Self | None:
+        """The limit for some joints, by index; None where it says nothing of them alone."""
+
+    @abstractmethod
+    def scaled(self, factors: Array) -> Self:
+        """The limit with lengths of each joint times a factor, `(joints,)`."""
+
+    @abstractmethod
+    def in_units(self, time: float, lengths: Array | float) -> Self:
+        """The limit where times count in `time`, s, and positions in `lengths`, rad.
+
+        `lengths` is one for all joints, or `(joints, 1)`.
+        """
+
+    @abstractmethod
+    def widened(self, joint: int | None, by: float) -> Self:
+        """The limit with one joint's part wider by a fraction; the whole of it for None."""
+
+    # --- a motion under it ---
+
+    @abstractmethod
+    def worst(self, motion: Trajectory) -> Use:
+        """The exact worst use, rounded towards more use."""
+
+    def dilation(self, use: Use) -> float:
+        """The least factor of dilation that brings a motion with this use within the limit."""
+        return 0.0 if self.degree is None else use.value ** (1 / self.degree)
+
+    @abstractmethod
+    def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
+        """Every part of a piece in which more than a share of the limit is in use, exactly."""
+
+    @abstractmethod
+    def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
+        """The use of each bounded joint, or of None, at times `(m,)`, s, for figures."""
+
+    # --- words ---
+
+    @classmethod
+    def name(cls) -> str:
+        """The kind in words."""
+        return cls.key.replace("_", " ")
+
+    def unit(self, problem: Problem) -> str:
+        """The unit of its numbers; empty where they have several."""
+        return ""
+
+    @classmethod
+    def amount(cls, use: Use, problem: Problem) -> str:
+        """How much is in use, in words."""
+        return f"{use.value:.6f} of limit" if np.isfinite(use.value) else "no motion allowed"
+
+    def flaw(self, use: Use, tolerated: Array, problem: Problem) -> str | None:
+        """A sentence about a use that neither repair nor dilation mends; None for any other.
+
+        `tolerated` is the excess over a position that counts as none, rad, `(joints,)`.
+        """
+        return None
+
+
+def where(use: Use, problem: Problem) -> str:
+    """Where a use is: its joint, if it is one joint's, and its time."""
+    at = f"at {use.time:.6g} s"
+    return at if use.joint is None else f"{problem.joint_labels[use.joint]} {at}"
+
+
+def named(key: str) -> type[Limit]:
+    """The kind of limit of a key; raises `UnknownName`."""
+    if key not in KINDS:
+        raise UnknownName("kind of limit", key, KINDS)
+    return KINDS[key]

@@ -1,0 +1,153 @@
+"""All limits of a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits.joint_limit import UNLIMITED, Velocity, pairs_of
+from trajopt.core.limits.limit import KINDS, Limit, named
+
+LimitName = Literal["velocity", "acceleration", "jerk", "position"]
+LIMIT_ORDERS: dict[LimitName, int] = {"velocity": 1, "acceleration": 2, "jerk": 3, "position": 0}
+"""Which derivative of position each limit bounds."""
+LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """All limits of a robot's motion: intervals of each joint, and limits of any other kind.
+
+    The first four are `(joints, 2)` arrays of `[low, high]`. Each is given as one number per joint
+    (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture. Units: rad/s, rad/s², rad/s³, rad
+    (metres for a prismatic joint). Velocity and acceleration are finite; `jerk` and `position`
+    default to none (infinite), and may be infinite for some joints only.
+
+    `others` has limits of other kinds by their keys (`trajopt.core.limits.KINDS`); they may also be
+    given by name, as objects or as a problem file has them.
+
+    Limits are equal if all their numbers are.
+
+    Raises `InvalidInput` naming the key, joint and value.
+    """
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    position: Array
+    others: Mapping[str, Limit]
+    _held: ClassVar[Mapping[str, Limit]]  # every limit, also what bounds nothing
+
+    def __init__(
+        self,
+        velocity: ArrayLike | Sequence[Any] | Limit,
+        acceleration: ArrayLike | Sequence[Any] | Limit,
+        jerk: ArrayLike | Sequence[Any] | Limit | None = None,
+        position: ArrayLike | Sequence[Any] | Limit | None = None,
+        others: Any = MappingProxyType({}),
+        **by_key: Any,
+    ) -> None:
+        if not isinstance(velocity, Limit):
+            velocity = Velocity(pairs_of("velocity", velocity))
+        joints = len(velocity.bounds)
+        unlimited = np.tile(UNLIMITED, (joints, 1))
+        given = {
+            "velocity": velocity,
+            "acceleration": acceleration,
+            "jerk": unlimited if jerk is None else jerk,
+            "position": unlimited if position is None else position,
+            **others,
+            **by_key,
+        }
+        read = {}
+        for key, value in given.items():
+            own = value if isinstance(value, Limit) else named(key).read(value, joints)
+            if len(own.bounds) != joints:
+                right = f"limits of {joints} joints, as velocity has"
+                raise InvalidInput(f"limits.{key}", right, value=len(own.bounds))
+            read[key] = own
+        for name in LIMIT_NAMES:
+            self.__dict__[name] = read[name].numbers
+        self.__dict__["others"] = {key: read[key] for key in read if key not in LIMIT_NAMES}
+        self.__dict__["_held"] = {key: read[key] for key in KINDS if key in read}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Limits):
+            return NotImplemented
+        if self.kinds.keys() != other.kinds.keys():
+            return False
+        pairs = zip(self.kinds.values(), other.kinds.values(), strict=True)
+        return all(np.array_equal(a.numbers, b.numbers, equal_nan=True) for a, b in pairs)
+
+    def __hash__(self) -> int:
+        return hash(self.velocity.tobytes())
+
+    @property
+    def joints(self) -> int:
+        return len(self.velocity)
+
+    @cached_property
+    def kinds(self) -> Mapping[str, Limit]:
+        """Every limit that bounds some joint, by its key."""
+        return {key: own for key, own in self._held.items() if own.bounds.any()}
+
+    @cached_property
+    def smooth(self) -> Indices:
+        """The highest derivative of each joint that may not jump, `(joints,)`."""
+        highest = np.zeros(self.joints, dtype=np.intp)
+        for own in self.kinds.values():
+            highest = np.where(own.bounds, np.maximum(highest, own.smooth), highest)
+        return highest
+
+    @property
+    def jerk_limited(self) -> Bools:
+        """Which joints have a jerk limit, on one side at least, `(joints,)`."""
+        return self._held["jerk"].bounds
+
+    def without(self, *keys: str) -> Limits:
+        """Return these limits without the named ones: any but velocity and acceleration."""
+        return Limits(**{key: own for key, own in self._held.items() if key not in keys})
+
+    def only(self, joints: ArrayLike) -> Limits:
+        """The limits of some joints, by index (from 0) or mask.
+
+        A limit that says nothing of these joints alone is left out.
+        """
+        chosen = np.arange(self.joints)[np.asarray(joints)]
+        return self._each(lambda own: own.only(chosen))
+
+    def scaled(self, factor: ArrayLike) -> Limits:
+        """Every limit times a positive factor, or one per joint, as another unit needs it."""
+        factors = np.broadcast_to(np.asarray(factor, dtype=float), self.joints)
+        return self._each(lambda own: own.scaled(factors))
+
+    def in_units(self, time: float, lengths: Array | float) -> Limits:
+        """These limits where times count in `time`, s, and positions in `lengths`, rad.
+
+        `lengths` is one for all joints, or `(joints, 1)`.
+        """
+        return self._each(lambda own: own.in_units(time, lengths))
+
+    def widened(self, key: str, joint: int | None, by: float) -> Limits:
+        """These limits with one joint's part of one limit wider by a fraction."""
+        return self.with_limit(self._held[key].widened(joint, by))
+
+    def with_limit(self, own: Limit) -> Limits:
+        """These limits with one of a kind, in place of that kind's if there is one."""
+        return Limits(**{**self._held, own.key: own})
+
+    def by_name(self) -> dict[str, Array]:
+        """The four limits of each joint by itself, `(joints, 2)`, by their names."""
+        return {name: getattr(self, name) for name in LIMIT_NAMES}
+
+    def _each(self, change: Callable[[Limit], Limit | None]) -> Limits:
+        changed = {key: change(own) for key, own in self._held.items()}
+        return Limits(**{key: own for key, own in changed.items() if own is not None})
