@@ -359,3 +359,17 @@ def test_verify_says_how_positions_alone_can_be_joined(trajopt, tmp_path):
     code, out, _ = trajopt("verify m.csv --limits l.yaml")
     assert code == 1
     assert "--interpolation spline" in " ".join(out.split())
+
+
+def test_a_feasible_motion_that_touches_its_position_limits_is_not_beyond_them(trajopt, tmp_path):
+    """Waypoints on both position limits, at numbers that round: the margin is 0."""
+    problem = tmp_path / "p.toml"
+    problem.write_text(
+        "waypoints = [[0.1], [0.7]]\n"
+        'units = {waypoints = "rad", limits = "rad"}\n'
+        "limits = {velocity = [1], acceleration = [3], position = [[0.1, 0.7]]}\n"
+    )
+    code, out, _ = trajopt("plan", problem, "--planner", "ruckig-stop")
+    assert code == 0
+    assert re.search(r"position +0 rad margin", out)
+    assert "beyond" not in out

@@ -44,3 +44,10 @@ def test_sizes_are_measured_once_and_drawn(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(scaling, "measured", pytest.fail)
     scaling.main(most=3, output=tmp_path)
     assert "exact-jerk" in capsys.readouterr().out
+
+
+def test_a_single_size_has_no_slope_to_print(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(scaling, "SIZES", {"exact": (3,)})
+    scaling.main(output=tmp_path)
+    assert "nan" not in capsys.readouterr().out
+    assert "nan" not in (tmp_path / "scaling.svg").read_text()

@@ -17,14 +17,16 @@ from trajopt.views.results import Results
 from trajopt.views.table_cells import Cells
 
 _PAIRED_MEANING = (
-    "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
+    "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's "
+    "(alone: only it has an answer, none: only the other has). "
     "Both answer: without the problems on which one has no answer. p: Wilcoxon's signed ranks, "
     "problems of one arm, paper or random family counting as one; by Holm for the rows of this "
     "table. Shorter: chance that a run of it is shorter, with its 95 % interval."
 )
 _SEEDS_MEANING = (
     "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for the "
-    "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval."
+    "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval. "
+    "Alone: only it has a median, none: only the other has."
 )
 
 
@@ -63,7 +65,7 @@ def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
         elif row.both < row.problems:
             counts = (row.both, row.both_better, row.both_tied, row.both_worse)
             pvalue = table_cells.probability(row.both_holm)
-            table.row("  both answer", *counts, table_cells.number(row.both_ratio), pvalue)
+            table.row("  both answer", *counts, table_cells.ratio(row.both_ratio), pvalue)
     return table
 
 

@@ -12,8 +12,8 @@ from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.results import Results
 
 _MEANING = """\
-Problems: those that the planner supports. Relaxed: motions that break limits
-which their planner ignores.
+Problems: those that the planner supports. Solved, failed, relaxed: runs on them;
+relaxed motions break limits which their planner ignores.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
 _CELLS = ("problems", "solved", "failed", "relaxed", "gap", "worst", "time")

@@ -10,7 +10,9 @@ from typing import Any
 
 MISSING = "–"
 TO_ROUNDING = "to rounding"  # in place of a share of runs that kept every limit
-NO_ANSWER = "none"  # in place of an infinite gap or duration
+NO_ANSWER = "none"  # in place of an infinite gap, duration or ratio
+ALONE = "alone"  # in place of a ratio of 0: only it has an answer
+_SMALLEST_RATIO = 5e-5  # smaller ones would be 0.0000
 _ZERO = 5e-5  # a ratio minus 1 that is 0.00 %
 ROUNDING = 1e-4  # a dilation minus 1 below it is no broken limit
 SMALLEST_P = 0.001  # smaller ones are less than it
@@ -41,6 +43,15 @@ def percent(gap: float) -> str:
         return "0.00 %"
     digits = 2 if abs(gap) < 0.1 else 1
     return f"{100 * gap:+.{digits}f} %".replace("-", "−")
+
+
+def ratio(value: float, form: str = ".4f") -> str:
+    """A duration over a rival's, either of which may be infinite: without an answer."""
+    if value == 0:
+        return ALONE
+    if isinf(value):
+        return NO_ANSWER
+    return number(value, ".1e" if value < _SMALLEST_RATIO else form)
 
 
 def probability(value: float) -> str:
@@ -97,7 +108,7 @@ def of_planner(row: Any) -> Cells:
 def of_pair(row: Any) -> Cells:
     """The cells of a planner against a rival: the ratio, the chance of a shorter run, and p."""
     return {
-        "ratio": number(row.ratio),
+        "ratio": ratio(row.ratio),
         "chance": number(row.chance, ".2f"),
         "interval": f"{row.low:.2f}–{row.high:.2f}",
         "p": probability(row.pvalue),

@@ -188,8 +188,10 @@ class Position(JointLimit):
 
     @classmethod
     def amount(cls, use: Use, problem: Problem) -> str:
-        side = "beyond" if use.value > 0 else "margin"
-        return f"{abs(use.value):.3g} {problem.unit(use.joint or 0)} {side}"
+        joint = use.joint or 0
+        excess = use.value if abs(use.value) > problem.rounding[joint] else 0.0
+        side = "beyond" if excess > 0 else "margin"
+        return f"{abs(excess):.3g} {problem.unit(joint)} {side}"
 
     def flaw(self, use: Use, tolerated: Array, problem: Problem) -> str | None:
         joint = use.joint or 0

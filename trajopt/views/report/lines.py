@@ -107,12 +107,9 @@ def over_all(row: Any) -> dict[str, Any]:
 
 
 def _share(count: int, runs: int) -> dict[str, Any]:
-    """A share with Wilson's 95 % interval."""
+    """A share with Wilson's 95 % interval; a single run has none."""
     if not runs:
         return {"text": "–", "interval": "–", "value": np.nan}
     found = statistics.success_rate(np.arange(runs) < count)
-    return {
-        "text": f"{100 * found.value:.0f} %",
-        "interval": f"{100 * found.low:.0f}–{100 * found.high:.0f}",
-        "value": found.value,
-    }
+    interval = f"{100 * found.low:.0f}–{100 * found.high:.0f}" if runs > 1 else ""
+    return {"text": f"{100 * found.value:.0f} %", "interval": interval, "value": found.value}

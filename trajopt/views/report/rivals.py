@@ -71,7 +71,7 @@ def _over_problems(row: Any) -> dict[str, Any]:
     if 0 < row.both < row.problems:
         counts = [row.both, row.both_better, row.both_tied, row.both_worse]
         rest = [
-            table_cells.number(row.both_ratio, RATIO),
+            table_cells.ratio(row.both_ratio, RATIO),
             "",
             table_cells.probability(row.both_holm),
         ]
@@ -90,7 +90,7 @@ def _over_seeds(row: Any) -> dict[str, Any]:
 def _line(row: Any, first: Sequence[object]) -> dict[str, Any]:
     """Return a line: its first cells, the ratio, the chance of a shorter run, and p."""
     own = table_cells.of_pair(row)
-    texts = [*map(str, first), table_cells.number(row.ratio, RATIO)]
+    texts = [*map(str, first), table_cells.ratio(row.ratio, RATIO)]
     chance = (own["chance"], f"[{own['interval']}]")
     return {
         "real": bool(row.holm < SURE),
