@@ -44,6 +44,8 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 LEAST_RTOL = 7e-6
 # A break closer to another one, relative to the segment's briefest full ramp, may be left out.
 CLOSE_RTOL = 1e-2
+# Share of a jerk limit that the last place of a velocity may cost in a segment.
+BRIEF_USE = 1e-9
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -72,11 +74,10 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    velocity = with_rest(scaled.velocities(times, rows.point.ends[:, 0]))
-    starts = velocity[:-1]
+    starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
     signs = np.array([[-1.0], [1.0]])
     sides = scaled.v, scaled.a, signs / scaled.r
-    segments = Segments(starts, velocity[1:], scaled.h, sides)
+    segments = Segments(starts, stops, scaled.h, sides)
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = segments.mended(profiles.pieces(even, limits))
@@ -93,6 +94,22 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     brief = BRIEF_PIECE_S / scaled.unit
     close = np.maximum(CLOSE_RTOL * briefest, brief)
     return segments.thinned(pieces, close, brief), starts
+
+
+def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array]:
+    """Velocities at the start and at the end of each segment, `(segments, joints)` each.
+
+    They are the waypoints'. In a segment so brief that the last place of a velocity is worth some
+    jerk they are its own: what they differ by, the long segments beside it make up for.
+    """
+    velocity = with_rest(scaled.velocities(times, ends))
+    t = times[:, None]
+    own = scaled.h / t + t * ends
+    speeds = np.abs(own).max(axis=0)
+    is_brief = ROUNDING * speeds * scaled.r.max(axis=0) > BRIEF_USE * t**2
+    is_brief[[0, -1]] = False
+    starts, stops = np.where(is_brief, own, [velocity[:-1], velocity[1:]])
+    return starts, stops
 
 
 def _lengths(breaks: Array, limits: _Limits) -> Array:

@@ -135,6 +135,13 @@ def least_time_of_swing(h: float, J: float) -> float:
     return math.cbrt(12 * h / J)
 
 
+def least_time_of_turn(h: float, J: float) -> float:
+    """From a turn to the next one, `h` apart, with acceleration 1 or jerk `J` alone, s."""
+    if math.isinf(J):
+        return least_time(h, np.inf, 1.0)
+    return least_time_of_swing(h, J)
+
+
 def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0.0) -> Trajectory:
     """One joint from its phases, position and velocity continuous."""
     breaks = [0.0]
@@ -458,6 +465,103 @@ def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Ca
     swing = least_time_of_swing(h, 10.0) if jerk else least_time(h, 9.0, 1.0)
     optimum = 2 + (swings - 1) * swing
     return Problem(waypoints, limits), together([first, second], times), optimum
+
+
+def alternating(steps: int, size: float, joints: int, also: str, by: float) -> Case:
+    """Tiny steps in line at full speed, the second joint's alternately longer by four last places.
+
+    Missed by their rounding they are in line, so the optimum is that of the straight way, and the
+    motion is faster by less than the tolerance of limits.
+    """
+    jerk = [1.0] * joints if "jerk" in also else None
+    last_place = float(np.spacing(2.0))
+    ways = size * np.arange(steps + 1)
+    line = np.concatenate([[0.0], 2.0 + ways, [4.0]])
+    waypoints = np.repeat(line[:, None], joints, axis=1)
+    waypoints[1:-1, 1:] += 4 * last_place * (np.arange(steps + 1) % 2)[:, None]
+    motion = smooth_cruise(4.0, 1.0) if jerk else rest_to_rest(4.0, 1.0, 1.0)
+    # it cruises at 2 rad, at a velocity of 1
+    middle = motion.duration / 2
+    times = np.concatenate([[0.0], middle + ways, [motion.duration]])
+    limits = Limits([1.0] * joints, [1.0] * joints, jerk=jerk)
+    cheat = together([motion] * joints, times).dilated(1 - by)
+    return Problem(waypoints, limits), cheat, motion.duration
+
+
+def stairs(steps: int, size: float, also: str) -> Case:
+    """Two joints that take tiny steps in turn, on their diagonal at full speed.
+
+    Of two steps `L1 + L2` is at least `sqrt(2 d / A)`: a joint's mean velocity is 0 in one step and
+    `d / L` in the other. So its velocity falls below `sqrt(2 d A)` among the stairs, and what
+    lies before and after takes 2 s each but for that.
+    """
+    jerk = [1e3, 1e3] if "jerk" in also else None
+    taken = np.arange(steps + 1)
+    waypoints = np.zeros((steps + 3, 2))
+    waypoints[1:-1, 0] = 1.0 + size * (taken - taken // 2)
+    waypoints[1:-1, 1] = 1.0 + size * (taken // 2)
+    waypoints[-1] = 2.0
+    motion = smooth_cruise(2.0, 1e3) if jerk else rest_to_rest(2.0, 1.0, 1.0)
+    passed = motion.duration / 2 + size / 2 * (taken + 0.5)
+    times = np.concatenate([[0.0], passed, [motion.duration]])
+    slowest = float((2 * size) ** 0.5)
+    optimum = 2 * least_time(1.0, 1.0, 1.0) - 2 * slowest - 2 * size * steps
+    limits = Limits([1.0, 1.0], [1.0, 1.0], jerk=jerk)
+    return Problem(waypoints, limits), together([motion, motion], times), optimum
+
+
+def zigzag(swings: int, h: float, step: float, spared: int, missed: int, also: str) -> Case:
+    """A joint swings by `h`, less what it `missed` on both sides, while another one takes a step.
+
+    `missed` and `spared` count roundings of coordinates. Waypoints in line may be missed by one: it
+    is `spared`. Between two waypoints beside one another the joint turns, and from turn to turn it
+    takes `cbrt(12 h / J)` or `2 sqrt(h / A)`. Before and after its swings the other one takes 1 s.
+    """
+    away = 0.01
+    jerk = 1.0 if "jerk" in also else np.inf
+    fast = 1e9
+    turns = np.arange(swings + 1)
+    waypoints = np.ones((swings + 3, 2))
+    waypoints[0, 0] = 0.0
+    waypoints[1:-1, 0] += step * turns
+    waypoints[-1, 0] += step * swings + 1.0
+    waypoints[1:-1, 1] += h * (turns % 2)
+    waypoints[-1, 1] += away
+    limits = Limits([1.0, 1.0], [fast, 1.0], jerk=[np.inf, jerk])
+    problem = Problem(waypoints, limits)
+    _, rounding = problem.rounding
+    swung = h - 2 * missed * rounding
+    least = least_time_of_turn(h - 2 * spared * rounding, jerk)
+    each = least_time_of_turn(swung, jerk)
+    pace = step / each
+    slowing = (1 - pace) / fast
+    # 1 rad at a velocity of 1, but for its ramps
+    wait = 1 + 0.5 / fast + slowing * (1 - pace) / 2
+    rest = wait - 1 / fast - slowing
+    there = [(1 / fast, fast, 0.0), (rest, 0.0, 0.0), (slowing, -fast, 0.0)]
+    back = [(duration, -acceleration, 0.0) for duration, acceleration, _ in there[::-1]]
+    first = driven([*there, (each * swings, 0.0, 0.0), *back])
+    # as steep at the first turn as between two swings
+    steep = 1.0 if np.isinf(jerk) else jerk * each / 2
+    bend = steep * wait**2 / 2
+    rise = bend * _per_duration([1.0, -2.0, 1.0, 0.0, 0.0, 0.0], wait)
+    fall = bend * _per_duration([-1.0, 3.0, -3.0, 1.0, 0.0, 0.0], wait) + _quintic(wait, away)
+    rise[-1] = fall[-1] = 1.0
+    phases: list[Phase] = []
+    for turn in range(swings):
+        sign = 1.0 - 2.0 * (turn % 2)
+        if np.isinf(jerk):
+            phases += [(each / 2, sign, 0.0), (each / 2, -sign, 0.0)]
+        else:
+            phases.append((each, sign * steep, -sign * jerk))
+    swinging = driven(phases, x=1.0 + missed * rounding)
+    middle = np.zeros((6, len(phases)))
+    middle[2:] = swinging.coefficients[..., 0]
+    breaks = np.concatenate([[0.0], wait + swinging.breaks, [2 * wait + swinging.duration]])
+    second = one_joint(breaks, np.column_stack([rise, middle, fall]).T)
+    times = np.concatenate([[0.0], wait + each * turns, [breaks[-1]]])
+    optimum = 2.0 + (swings - 2) * least
+    return problem, together([first, second], times), optimum
 
 
 def _quintic(duration: float, h: float) -> Array:

@@ -712,7 +712,8 @@ def test_cancelling_terms_hide_no_jump() -> None:
     breaks = np.arange(steps + 1.0)
     motion = Trajectory(breaks, columns, breaks[[0, -1]])
     assert polynomials.evaluation_rounding(motion.pieces(1)).min() > step
-    layout = repair._layout(Problem([[0.0], [1.0]], Limits([9.0], [9.0])), motion)
+    problem = Problem([[0.0], [1.0]], Limits([9.0], [9.0]))
+    layout = repair._layout(problem, motion, np.array([True, True]))
     assert layout is not None
     jumps = repair._jumps(layout, 1)
     np.testing.assert_allclose(jumps[1:-1], step, rtol=0.5)

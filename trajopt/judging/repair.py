@@ -13,26 +13,37 @@ all corrections of one joint in one segment of duration `L` is, with `σ = (t �
     Σ_m growing_m σ^m + Σ_m dying_m (1 − σ)^m,    m = r + 1 … 2r + 1,
 
 where `r` is the highest derivative that may not jump: 1, or 2 where jerk is limited.
+
+A waypoint that may be missed by its rounding (`trajopt.core.resolution`) bounds no segment, as long
+as the repaired motion misses it by no more. In a segment that is brief beside both its neighbours
+all derivatives that may not jump are integrated anew, so all its jumps lie at its ends, where the
+long sides take them.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from trajopt.core import polynomials
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.limits import LIMIT_ORDERS
 from trajopt.core.problem import Problem
-from trajopt.core.trajectory import EPS, Trajectory, nearest
+from trajopt.core.resolution import spared
+from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 
 # Share of every limit. A correction that uses less is left out; all of them together change the
 # certified duration by no more than this.
 NEGLIGIBLE_USE = 1e-12
-JUMP_RTOL = 2 * EPS  # rounding of a derivative, relative to its values on both sides of a break
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
+MAX_ATTEMPTS = 8  # to miss waypoints by no more than rounding; then the motion is to meet them all
+# Times the duration: rounding of the time at which a waypoint is passed.
+PASSING_RTOL = 4 * BREAK_RTOL
+# Times its neighbours' durations: a segment that takes less is brief beside them.
+BRIEF_RTOL = 1e-3
 
 
 def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
@@ -50,21 +61,67 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
         The repaired trajectory; None where repair is impossible: two different waypoints at one
         instant, or a number that overflows.
     """
+    merged, index = problem.merged()
     motion = trajectory
+    if merged is not problem:
+        # The first of equal waypoints counts; at the end of the motion, the last.
+        _, counted = np.unique(index, return_index=True)
+        counted[-1] = len(index) - 1
+        motion = replace(trajectory, waypoint_times=trajectory.waypoint_times[counted])
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        for _ in range(MAX_PASSES):
-            layout = _layout(problem, motion)
-            if layout is None:
-                return None
-            rebased = _rebased(layout)
-            corrected = _corrected(problem, layout, rebased)
-            finite = np.isfinite(corrected)
-            if not finite.all():
-                return None
-            motion = _placed(layout, corrected)
-            if corrected is rebased:
-                break
+        found = _without_spared(merged, motion)
+    if found is None or merged is problem:
+        return found
+    return replace(found, waypoint_times=found.waypoint_times[index])
+
+
+def _without_spared(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
+    """The motion repaired, in which some waypoints are missed by no more than their rounding."""
+    missed = spared(problem)
+    for _ in range(MAX_ATTEMPTS):
+        motion = _repaired(problem, trajectory, ~missed)
+        if motion is None or not missed.any():
+            return motion
+        passes = _passes(problem, motion)
+        if passes[missed].all():
+            return motion
+        missed &= passes
+    return _repaired(problem, trajectory, np.full_like(missed, True))
+
+
+def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajectory | None:
+    """The motion that meets some of the waypoints and does not jump."""
+    motion = trajectory
+    for _ in range(MAX_PASSES):
+        layout = _layout(problem, motion, met)
+        if layout is None:
+            return None
+        rebased = _rebased(layout)
+        corrected = _corrected(problem, layout, rebased)
+        finite = np.isfinite(corrected)
+        if not finite.all():
+            return None
+        motion = _placed(layout, corrected)
+        if corrected is rebased:
+            break
     return motion
+
+
+def _passes(problem: Problem, motion: Trajectory) -> Bools:
+    """Return which waypoints the motion misses by no more than their rounding, `(waypoints,)`.
+
+    The time at which it comes nearest differs from the stated one by rounding.
+    """
+    times = motion.waypoint_times
+    rounding = np.maximum(problem.rounding, np.finfo(float).tiny)
+    away = (motion(times) - problem.waypoints) / rounding
+    velocity = motion(times, 1) / rounding
+    speed = np.square(velocity).sum(axis=1)
+    along = (away * velocity).sum(axis=1)
+    late = along / np.where(speed > 0, speed, np.inf)
+    slack = PASSING_RTOL * motion.duration
+    missed = away - np.clip(late, -slack, slack)[:, None] * velocity
+    return np.asarray((np.abs(missed) <= 1).all(axis=1))
 
 
 def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
@@ -110,7 +167,6 @@ class _Layout:
 
     Attributes:
         trajectory: with a break at every waypoint.
-        travel: each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`.
         waypoint_breaks: the index of each of the problem's waypoints' break, `(waypoints,)`.
         segment: of each piece, `(pieces,)`.
         first: the first piece of each segment, `(segments,)`.
@@ -119,12 +175,17 @@ class _Layout:
     """
 
     trajectory: Trajectory
-    travel: Array
     waypoint_breaks: Indices
     segment: Indices
     first: Indices
     after: Indices
     waypoints: Array
+
+    @cached_property
+    def travel(self) -> Array:
+        """Each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`."""
+        powers = self.trajectory.pieces()[:-1]  # the position at a piece's start is not its travel
+        return powers.sum(axis=0)
 
     @cached_property
     def since_start(self) -> Array:
@@ -140,6 +201,22 @@ class _Layout:
     def lengths(self) -> Array:
         """Duration of each segment, s, `(segments, 1)`."""
         return self.since_start[self.after - 1, None]
+
+    @cached_property
+    def brief(self) -> Bools:
+        """Segments that are brief beside both their neighbours, `(segments,)`."""
+        lengths = self.lengths[:, 0]
+        found = np.zeros(len(lengths), dtype=bool)
+        neighbours = np.minimum(lengths[:-2], lengths[2:])
+        found[1:-1] = lengths[1:-1] <= BRIEF_RTOL * neighbours
+        return found
+
+    @cached_property
+    def within_brief(self) -> Bools:
+        """Breaks within these segments, but for their ends, `(breaks,)`."""
+        found = np.append(self.brief[self.segment], False)
+        found[self.first] = False
+        return found
 
     @cached_property
     def of_segment(self) -> Array:
@@ -166,35 +243,67 @@ class _Layout:
         return of_segments[self.segment]
 
 
-def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
-    """The segments that take time; None where two waypoints that differ have one break."""
-    merged, index = problem.merged()
-    # The first of equal waypoints counts; at the end of the motion, the last.
-    _, counted = np.unique(index, return_index=True)
-    counted[-1] = len(index) - 1
-    times = trajectory.waypoint_times[counted]
+def _layout(problem: Problem, trajectory: Trajectory, met: Bools) -> _Layout | None:
+    """The segments between waypoints to meet; None where two of these have one break."""
+    times = trajectory.waypoint_times
     refined = trajectory.refined(times)
     breaks = refined.breaks
     at = nearest(breaks, times)
     at[0] = 0
     at[-1] = len(breaks) - 1
-    first = at[:-1]
-    after = at[1:]
+    ends = at[met]
+    first = ends[:-1]
+    after = ends[1:]
     pieces = after - first
     if not pieces.all():
         return None
     segments = np.arange(len(first))
-    # The position at a piece's start is not its travel.
-    powers = refined.pieces()[:-1]
-    return _Layout(
+    layout = _Layout(
         trajectory=refined,
-        travel=powers.sum(axis=0),
-        waypoint_breaks=at[index],
+        waypoint_breaks=at,
         segment=np.repeat(segments, pieces),
         first=first,
         after=after,
-        waypoints=merged.waypoints,
+        waypoints=problem.waypoints[met],
     )
+    return _smoothed(layout, problem.limits.jerk_limited)
+
+
+def _smoothed(layout: _Layout, jerk_limited: Bools) -> _Layout:
+    """The layout without jumps in its brief segments, but at their ends.
+
+    There velocity is integrated anew from the segment's start (and acceleration, where jerk is
+    limited), and is as much larger as leads to the next waypoint. A correction within the segment
+    would take some `δ/L` or `6 δ/L²` of acceleration or jerk.
+    """
+    if not layout.brief.any():
+        return layout
+    chosen = layout.brief[layout.segment, None]
+    if jerk_limited.any():
+        layout = _integrated(layout, 2, chosen & jerk_limited)
+    layout = _integrated(layout, 1, chosen)
+    rate = layout.of_pieces(_missed(layout) / layout.lengths)
+    return _with_added(layout, 1, np.where(chosen, rate, 0.0))
+
+
+def _integrated(layout: _Layout, order: int, chosen: Bools) -> _Layout:
+    """The layout with a derivative integrated anew in some segments, `(pieces, joints)`."""
+    unit = layout.trajectory.pieces(order)
+    start = unit[-1]
+    gained = unit[:-1].sum(axis=0)
+    ended = np.cumsum(gained, axis=0)
+    before = ended - gained
+    within = before - layout.of_pieces(before[layout.first])
+    anew = layout.of_pieces(start[layout.first]) + within
+    return _with_added(layout, order, np.where(chosen, anew - start, 0.0))
+
+
+def _with_added(layout: _Layout, order: int, added: Array) -> _Layout:
+    """The layout with so much added to a derivative in each piece, `(pieces, joints)`."""
+    coefficients = np.zeros_like(added, shape=(order + 1, *added.shape))
+    coefficients[0] = added / math.factorial(order)
+    own = polynomials.plus(layout.trajectory.coefficients, coefficients)
+    return replace(layout, trajectory=replace(layout.trajectory, coefficients=own))
 
 
 def _rebased(layout: _Layout) -> Array:
@@ -245,7 +354,8 @@ def _slopes(layout: _Layout, missed: Array) -> Array:
 
     It is that of the parabola through the misses of both segments, and zero at the ends. A short
     segment between long ones is then passed a little faster or slower, which costs little. A
-    correction without velocity at its ends would cost some `6 e / L²`.
+    correction without velocity at its ends would cost some `6 e / L²`. That of a brief segment has
+    the same velocity at both its ends.
     """
     lengths = layout.lengths
     before = lengths[:-1]
@@ -254,7 +364,10 @@ def _slopes(layout: _Layout, missed: Array) -> Array:
     weighted = rate[:-1] * after + rate[1:] * before
     parabola = weighted / (before + after)
     rest = np.zeros_like(missed[:1])
-    return np.concatenate([rest, parabola, rest])
+    slopes = np.concatenate([rest, parabola, rest])
+    (brief,) = np.nonzero(layout.brief)
+    slopes[brief] = slopes[brief + 1] = rate[brief]
+    return slopes
 
 
 def _bent(layout: _Layout, slopes: Array, *curvatures: Array) -> tuple[Array, Array]:
@@ -358,10 +471,10 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
 
 
 def _jumps(layout: _Layout, order: int) -> Array:
-    """Jumps of a derivative at every break, `(breaks, joints)`, but for rounding.
+    """Jumps of a derivative at every break, `(breaks, joints)`.
 
-    Before and after the motion the robot rests. A last place of the value is no jump: in a segment
-    of 1e-6 s its correction would take 1e-4 of a jerk limit.
+    Before and after the motion the robot rests. What jumps within brief segments is the rounding of
+    what was integrated anew.
     """
     unit = layout.trajectory.pieces(order)
     starts = unit[-1]
@@ -369,9 +482,7 @@ def _jumps(layout: _Layout, order: int) -> Array:
     rest = np.zeros_like(starts[:1])
     after = np.concatenate([starts, rest])
     before = np.concatenate([rest, stops])
-    jumps = after - before
-    sizes = np.abs(before) + np.abs(after)
-    return np.where(np.abs(jumps) > JUMP_RTOL * sizes, jumps, 0.0)
+    return np.where(layout.within_brief[:, None], 0.0, after - before)
 
 
 # From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
