@@ -27,11 +27,9 @@ def drawn(f, count=300, seed=0):
 
 
 @pytest.mark.parametrize("fitness", ["penalty", "scaled"])
-@pytest.mark.parametrize("name", [*FOUR_WAYPOINTS, "position-limits"])
+@pytest.mark.parametrize("name", [*FOUR_WAYPOINTS, "robots-puma-560-w4"])
 def test_it_is_the_fitness_that_the_swarms_search_in_their_box(name, fitness):
     problem = trajopt.problem(name)
-    if len(problem.merged()[0].waypoints) != 4:
-        problem = trajopt.problem("six-axis")
     task = SegmentTimes.of(problem.merged()[0], SwarmPlanner(fitness=fitness))
     f = trajopt.objective(problem, fitness=fitness)
     assert f.variables == 3

@@ -145,7 +145,7 @@ def unit_roots(coefficients: Array) -> Array:
     row, column = np.nonzero(crosses)
     low = knots[row, column]
     high = knots[row + 1, column]
-    roots = np.full((degree, *coefficients.shape[1:]), np.nan)
+    roots = np.full_like(coefficients[:-1], np.nan)
     roots[row, column] = _bisect(coefficients[:, column], low, high, negative[row, column])
     return roots
 

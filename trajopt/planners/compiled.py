@@ -46,6 +46,8 @@ def _ufuncs() -> dict[Any, Any]:
         np.greater: operator.gt,
         np.less: operator.lt,
         np.less_equal: operator.le,
+        np.greater_equal: operator.ge,
+        np.equal: operator.eq,
         np.not_equal: operator.ne,
     }
     table = {ufunc: np.frompyfunc(own, 1, 1) for ufunc, own in one.items()}
@@ -71,10 +73,26 @@ class Recorded(np.ndarray):
             return _recorded(choose(*map(_plain, args)))
         if func is np.flatnonzero:
             return np.arange(args[0].size)
+        if func is np.nonzero:
+            return np.unravel_index(np.arange(args[0].size), args[0].shape)
+        if func is np.nan_to_num:
+            # NaN alone is not equal to itself
+            return np.where(args[0] == args[0], args[0], kwargs["nan"])
+        if func is np.sort:
+            return _sorted(args[0])
         if func is np.broadcast_arrays:
             kwargs = {**kwargs, "subok": True}
         result = super().__array_function__(func, types, args, kwargs)
         return _recorded(result) if isinstance(result, np.ndarray) else result
+
+
+def _sorted(values: Any) -> Any:
+    """Values in order along the first axis: neighbours change places, in as many rounds as rows."""
+    rows = list(values)
+    for turn in range(len(rows)):
+        for i in range(turn % 2, len(rows) - 1, 2):
+            rows[i : i + 2] = np.minimum(*rows[i : i + 2]), np.maximum(*rows[i : i + 2])
+    return np.stack(rows)
 
 
 def _plain(value: Any) -> Any:

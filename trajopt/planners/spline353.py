@@ -277,23 +277,36 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
         times: As everywhere.
         room: Lowest and highest position, seen from the second waypoint, `(joints, 2)`, rad.
     """
+    d, controls = _positions(displacements, times)
+    axes = controls.ndim
+    # The quintic stays within its controls: where these keep the limits, no root is needed.
+    excess = np.maximum(_beyond(controls, _by_joint(room, axes - 1)), 0.0)
+    needed = np.flatnonzero(excess > 0)
+    curves = polynomials.from_bernstein(_at(controls, needed))
+    extremes = polynomials.evaluate(curves[:, None], polynomials.critical_points(curves))
+    largest = np.broadcast_to(np.abs(d).max(axis=0), excess.shape)
+    joint = needed // (excess.size // len(excess))
+    share = _beyond(extremes, room[joint]) / largest.reshape(-1)[needed]
+    flat = excess.reshape(-1)
+    flat[needed] = np.maximum(share - _POSITION_RTOL, 0.0)
+    return excess.transpose(*range(1, axes - 1), 0)
+
+
+def position_bound(displacements: Array, times: Array, room: Array) -> Array:
+    """Return whether any joint may leave its position limits: by more than 0, rad, `(…)`.
+
+    The arguments are those of `position_excess`.
+    """
+    _, controls = _positions(displacements, times)
+    return _beyond(controls, _by_joint(room, controls.ndim - 1)).max(axis=0)
+
+
+def _positions(displacements: Array, times: Array) -> tuple[Array, Array]:
+    """Displacements `(3, joints, …)`, and the quintic's Bernstein coefficients `(6, joints, …)`."""
     axes = max(np.ndim(displacements), np.ndim(times))
     d = _joints_first(displacements, axes)
     t = _joints_first(times, axes)
-    controls = _stacked(*position_coefficients(d, t))
-    # The quintic stays within its controls: where these keep the limits, no root is needed.
-    own_room = _by_joint(room, axes - 1)
-    beyond = _beyond(controls, own_room)
-    needed = beyond > 0
-    curves = polynomials.from_bernstein(controls[:, needed])
-    extremes = polynomials.evaluate(curves[:, None], polynomials.critical_points(curves))
-    largest = np.abs(d).max(axis=0)
-    largest = np.broadcast_to(largest, beyond.shape)
-    joint, *_ = np.nonzero(needed)
-    share = _beyond(extremes, room[joint]) / largest[needed]
-    excess = np.zeros(beyond.shape)
-    excess[needed] = np.maximum(share - _POSITION_RTOL, 0.0)
-    return excess.transpose(*range(1, axes - 1), 0)
+    return d, _stacked(*position_coefficients(d, t))
 
 
 def _beyond(positions: Array, room: Array) -> Array:
@@ -364,7 +377,8 @@ def _joints_first(values: Array, axes: int) -> Array:
 
 def _stacked(*controls: Array) -> Array:
     shape = (len(controls), *np.broadcast(*controls).shape)
-    table = np.empty_like(controls[0], shape=shape)
+    # the first control of a position is a constant, and no record of symbols
+    table = np.empty_like(controls[1], shape=shape)
     for row, control in enumerate(controls):
         table[row] = control
     return table
