@@ -26,6 +26,8 @@ import inspect
 import io
 import pkgutil
 import random
+import signal
+import threading
 import time
 import warnings
 from abc import abstractmethod
@@ -200,7 +202,7 @@ class Metaheuristic(Planner):
                 before = counted.spent
                 own_seed = int(np.random.SeedSequence([seed, begun]).generate_state(1)[0] >> 1)
                 begun += 1
-                with _alone(own_seed):
+                with _alone(own_seed), _limited(counted.deadline):
                     self.search(counted, own_seed)
                 if counted.spent == before:
                     return self._failed(counted, "ends without an evaluation")
@@ -281,6 +283,35 @@ def _alone(seed: int) -> Iterator[None]:
     finally:
         np.random.set_state(of_numpy)  # noqa: NPY002
         random.setstate(of_python)
+
+
+@contextmanager
+def _limited(deadline: float) -> Iterator[None]:
+    """Raise `Late` at this CPU time, s, also in a loop that evaluates nothing.
+
+    Outside a process's main thread, where Python allows no signals, `Counted` alone raises it.
+    """
+    if not np.isfinite(deadline) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def late(*_: Any) -> None:
+        raise Late
+
+    before = signal.signal(signal.SIGPROF, late)
+    left = max(deadline - time.process_time(), _SHORTEST_S)
+    signal.setitimer(signal.ITIMER_PROF, left, _AGAIN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+# CPU time after which a library that caught `Late` gets it again.
+_AGAIN_S = 1.0
+# Zero would switch the timer off.
+_SHORTEST_S = 1e-3
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from importlib.metadata import version
+from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,9 @@ from scipy.stats import mannwhitneyu
 from experiments.common import races
 from experiments.common.output import save_table
 from trajopt import MissingBackend, Planner, compare
-from trajopt.benchmark.run import dask
+from trajopt.benchmark.run.dask import executor as dask_executor
 from trajopt.comparison import TIMEOUT
+from trajopt.core.arrays import Array
 from trajopt.planners.registry import configured, load, named
 from trajopt.views.analysis import searches, statistics
 
@@ -83,32 +85,37 @@ def entrants(
 
 
 def groups(gaps: Mapping[str, Sequence[float]]) -> dict[str, int]:
-    """The group of each entrant, from 1, the best first; ties are broken by the median.
+    """Return the group of each entrant, from 1, the best first.
 
     Args:
         gaps: Of the runs of each entrant; infinite for a failure.
+
+    Returns:
+        Nothing where there are too few runs for any two entrants to differ significantly.
     """
+    fewest = min(map(len, gaps.values()))
+    if (len(gaps) - 1) / comb(2 * fewest, fewest) >= LEVEL:
+        return {}
     order = sorted(gaps, key=lambda name: (np.median(gaps[name]), np.mean(np.isinf(gaps[name]))))
     found: dict[str, int] = {}
     number = 0
     while order:
         number += 1
         best, *others = order
-        worse = np.ones(0)
-        if others:
-            pvalues = [
-                mannwhitneyu(_ranked(gaps[own]), _ranked(gaps[best]), alternative="greater").pvalue
-                for own in others
-            ]
-            worse = statistics.holm(np.array(pvalues))
         found[best] = number
-        found |= {own: number for own, p in zip(others, worse, strict=True) if p >= LEVEL}
+        pvalues = [
+            mannwhitneyu(_ranked(gaps[own]), _ranked(gaps[best]), alternative="greater").pvalue
+            for own in others
+        ]
+        adjusted = statistics.holm(pvalues)
+        found |= {own: number for own, p in zip(others, adjusted, strict=True) if p >= LEVEL}
         order = [own for own in others if own not in found]
     return found
 
 
-def _ranked(gaps: Sequence[float]) -> list[float]:
-    return np.minimum(gaps, 1e9).tolist()
+def _ranked(gaps: Sequence[float]) -> Array:
+    """Gaps as a rank test needs them: equal below 1e-9, where they are rounding, and finite."""
+    return np.clip(gaps, 1e-9, 1e9)
 
 
 def above_best(outcome: races.Outcome) -> pd.Series[float]:
@@ -133,9 +140,39 @@ def table(outcome: races.Outcome) -> pd.DataFrame:
         )
         if name == "0.1 %":
             rows["evaluations to 0.1 %"] = own["ert"]
-    rows["group"] = pd.Series(groups({name: list(own) for name, own in gaps}))
-    made = pd.DataFrame(rows).sort_values(["group", "median gap"])
+    found = groups({name: list(own) for name, own in gaps})
+    rows["group"] = pd.Series(found, dtype=float).reindex(gaps.size().index)
+    made = pd.DataFrame(rows).sort_values(["group", "median gap", "failed"])
     return made.rename_axis("optimiser")
+
+
+def printed(tables: Mapping[int, pd.DataFrame]) -> pd.DataFrame:
+    """The tables of several budgets as one for people, in the order of the largest budget."""
+    largest = max(tables)
+    columns = {}
+    for budget, own in sorted(tables.items(), reverse=True):
+        at = f"at {budget:,}"
+        if budget == largest:
+            for name in TARGETS:
+                columns[f"within {name} {at}"] = own[f"within {name}"].map(_share)
+            columns["evaluations to 0.1 %"] = own["evaluations to 0.1 %"].map(_count)
+        columns[f"median gap {at}"] = own["median gap"].map(_percent)
+        columns[f"group {at}"] = own["group"].map(_count)
+    made = pd.DataFrame(columns).loc[tables[largest].index]
+    made.insert(0, "failed", sum(own["failed"] for own in tables.values()))
+    return made.rename_axis("optimiser")
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %"
+
+
+def _count(value: float) -> str:
+    return f"{value:,.0f}" if np.isfinite(value) else "–"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * max(value, 0.0):.4f} %" if np.isfinite(value) else "–"
 
 
 def versions(libraries: Sequence[str]) -> str:
@@ -153,7 +190,7 @@ def main(
     seeds: int = 30,
     other_seeds: int = 10,
     jobs: int = races.JOBS,
-    dask_address: str = "",
+    dask: str = "",
     output: Path = Path("results/arena"),
     quick: bool = False,
 ) -> None:
@@ -171,7 +208,7 @@ def main(
             folder = output / problem / f"{budget}"
             count = seeds if problem == FIRST else other_seeds
             contestants = [*own.items(), ("proof", load(races.PROOF))]
-            with dask.executor(dask_address) if dask_address else nullcontext() as executor:
+            with dask_executor(dask) if dask else nullcontext() as executor:
                 results = compare(
                     problem,
                     contestants,
@@ -185,6 +222,7 @@ def main(
             save_table(tables[budget], output / f"{problem}-{budget}")
             print(f"{problem}, {budget} evaluations, {count} seeds:")
             print(tables[budget].to_string(float_format="{:.3g}".format))
+        save_table(printed(tables), output / f"{problem}-printed")
         figure(tables, output / f"{problem}.svg")
 
 

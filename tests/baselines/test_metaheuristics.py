@@ -82,6 +82,16 @@ class Played(Metaheuristic):
             sum(range(100_000))
             counted.one(draw())
 
+    def play_hanging(self, counted, draw):
+        counted.one(draw())
+        while True:
+            try:
+                sum(range(1000))
+            except BaseException:  # a library that catches everything, once
+                break
+        while True:
+            sum(range(1000))
+
     def play_wild(self, counted, draw):
         for odd in (np.nan, [np.inf, 1.0, 1.0], "abc", [1.0], None, draw() * 1e9, -draw()):
             value = counted.one(odd)
@@ -135,6 +145,9 @@ def test_a_failure_says_what_happened_and_after_how_many_evaluations():
     assert slow.status is Status.FAILED
     assert "takes more than 0.02 s of CPU time" in slow.message
     assert 0 < slow.evaluations < 10**6
+    hanging = played("hanging", cpu_limit=0.1)
+    assert (hanging.status, hanging.evaluations) == (Status.FAILED, 1)
+    assert "takes more than 0.1 s of CPU time, after 1 of 100" in hanging.message
 
 
 def test_the_seed_decides_and_the_global_streams_are_left_alone():
