@@ -20,9 +20,9 @@ group is formed of the rest in the same way.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from math import comb
 from pathlib import Path
 from typing import Any
@@ -176,8 +176,11 @@ def _percent(value: float) -> str:
 
 
 def versions(libraries: Sequence[str]) -> str:
-    """The versions of the libraries, NumPy's and ours."""
-    said = [f"{name} {version(name)}" for name in (*libraries, "cma", "numpy", "mintime")]
+    """The versions of what is installed of the libraries, of NumPy and of this package."""
+    said = []
+    for name in (*libraries, "cma", "numpy", "mintime"):
+        with suppress(PackageNotFoundError):
+            said.append(f"{name} {version(name)}")
     return ", ".join(said)
 
 

@@ -1,0 +1,94 @@
+"""The arena in small: groups by hand, every optimiser of a library, and nothing run twice."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from math import comb
+
+import numpy as np
+import pytest
+from test_swarm_experiments import crowd
+
+from experiments import arena
+from experiments.common import races
+from trajopt.planners.registry import load
+
+
+def spread(centre, runs=12):
+    return list(centre * (1 + 0.01 * np.arange(runs)))
+
+
+def test_groups_differ_significantly_from_the_best_of_the_one_before():
+    same = spread(1e-3)
+    gaps = {"a": same, "b": same[::-1], "c": spread(1e-2), "d": spread(1e-2), "e": [np.inf] * 12}
+    assert arena.groups(gaps) == {"a": 1, "b": 1, "c": 2, "d": 2, "e": 3}
+
+
+def test_few_runs_form_no_groups():
+    """Two entrants of n runs differ with p ≥ 1 / C(2n, n); Holm multiplies by the comparisons."""
+    few = {name: spread(10.0**k, 3) for k, name in enumerate("abc")}
+    assert 2 / comb(6, 3) > arena.LEVEL
+    assert arena.groups(few) == {}
+    more = {name: spread(10.0**k, 4) for k, name in enumerate("abc")}
+    assert 2 / comb(8, 4) < arena.LEVEL
+    assert arena.groups(more) == {"a": 1, "b": 2, "c": 3}
+
+
+def test_differences_below_rounding_make_no_group():
+    gaps = {"a": [0.0] * 12, "b": [1e-11] * 12, "c": [1e-6] * 12}
+    assert arena.groups(gaps) == {"a": 1, "b": 1, "c": 2}
+
+
+def test_the_table_by_hand():
+    """Of four runs one is at the optimum, one within 0.1 %, one within 1 % and one beyond."""
+    width = 1e-6
+    gaps = np.array([[width, 5e-4, 5e-3, 5e-2]])
+    made = arena.table(crowd({"a": gaps, "b": gaps * 2}))
+    row = made.loc["a"]
+    shares = [row[f"within {name}"] for name in arena.TARGETS]
+    assert shares == [0.25, 0.5, 0.75]
+    assert row["median gap"] == pytest.approx((5e-4 + 5e-3) / 2, rel=1e-3)
+    assert (row["runs"], row["failed"]) == (4, 0)
+    # 100 evaluations a run, two of four succeed
+    assert row["evaluations to 0.1 %"] == pytest.approx(200)
+    shown = arena.printed({100: made, 200: made})
+    assert list(shown.index) == ["a", "b"]
+    assert shown.loc["a", "within 1 % at 200"] == "75 %"
+    assert shown.loc["a", "median gap at 100"] == "0.2749 %"
+    assert shown.loc["a", "group at 200"] == "1"
+
+
+def test_a_failure_reaches_no_target():
+    made = arena.table(crowd({"a": np.array([[np.nan, np.nan]]), "b": np.array([[1e-4, 1e-4]])}))
+    assert made.loc["a", "failed"] == 2
+    assert made.loc["a", "within 1 %"] == 0
+    shown = arena.printed({100: made})
+    assert shown.loc["a", "median gap at 100"] == "–"
+    assert shown.loc["a", "evaluations to 0.1 %"] == "–"
+
+
+@pytest.mark.skipif(find_spec("pymoo") is None, reason="pymoo is not installed")
+def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
+    found = arena.entrants((), ("pymoo",), 500)
+    assert [*arena.OWN] == list(found)[: len(arena.OWN)]
+    assert {f"pymoo:name={name}" for name in load("pymoo").choices()["name"]} <= found.keys()
+    assert {planner.evaluations for planner in found.values()} == {500}
+    limits = {planner.cpu_limit for name, planner in found.items() if "pymoo" in name}
+    assert limits == {arena.CPU_LIMIT_S}
+    one = arena.entrants(("pymoo:name=DE,population=10",), (), 500)
+    assert next(iter(one.values())).population == 10
+
+
+def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(races, "PROOF", "certify:family=spline353,within=1e-3,time_limit=20")
+    told = {"names": ("pso", "de"), "problems": ("six-axis",), "jobs": 0, "output": tmp_path}
+    arena.main(budgets=(60,), seeds=1, **told)
+    trials = tmp_path / "six-axis" / "60" / "results.h5"
+    assert trials.exists()
+    arena.main(budgets=(60, 90), seeds=2, **told)
+    monkeypatch.setattr("trajopt.planners.swarm_planner.minimise", pytest.fail)
+    arena.main(budgets=(60, 90), seeds=2, **told)
+    assert "six-axis, 90 evaluations, 2 seeds:" in capsys.readouterr().out
+    assert (tmp_path / "six-axis.svg").read_text(encoding="utf-8").startswith("<?xml")
+    kept = (tmp_path / "six-axis-printed.csv").read_text(encoding="utf-8")
+    assert "median gap at 60" in kept
