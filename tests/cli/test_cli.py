@@ -51,6 +51,7 @@ KEYS = [
     "claimed_duration",
     "certified_duration",
     "lower_bound",
+    "smoothness",
     "waypoint_times",
     "evaluations",
     "setup_time",

@@ -40,6 +40,7 @@ from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.passing import waypoint_times
+from trajopt.judging.smoothness import Smoothness, smoothness
 from trajopt.judging.verification import Certificate, verify
 from trajopt.planners.planner import Planner
 
@@ -70,6 +71,14 @@ class Execution:
         limits = self.problem.falling_velocity
         return excess(limits, self.motion.trajectory) if limits else None
 
+    @cached_property
+    def smoothness(self) -> Smoothness | None:
+        """Integrals of the motion, slowed down as far as it needs; None with a flaw."""
+        if not self.certificate.valid:
+            return None
+        executed = smoothness(self.problem, self.motion.trajectory)
+        return executed.dilated(max(1.0, self.certificate.dilation))
+
     @property
     def kept(self) -> bool:
         """Tell if the motion keeps every limit without a slow-down, the arm's own limits too."""
@@ -84,6 +93,7 @@ class Execution:
             "feasible": self.certificate.feasible,
             "dilation": self.certificate.dilation,
             "certified_duration": self.certificate.certified_duration,
+            "smoothness": self.smoothness and self.smoothness.as_dict(),
             "falling_velocity": self.excess and self.excess.as_dict(),
             "certificate": self.certificate.as_dict(),
         }

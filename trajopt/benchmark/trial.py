@@ -27,6 +27,7 @@ from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.smoothness import Smoothness, smoothness
 from trajopt.judging.verification import Certificate, certified, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
@@ -112,6 +113,32 @@ class Trial:
         worst = self.certificate.position if self.certificate else None
         return max(0.0, worst.value) if worst else None
 
+    @cached_property
+    def smoothness(self) -> Smoothness | None:
+        """Integrals of the motion that has the certified duration; None without one."""
+        trajectory = self.solution.trajectory
+        if trajectory is None or trajectory.joints != self.problem.joints:
+            return None
+        if self.certificate is None or not self.certificate.valid:
+            return None
+        claimed = smoothness(self.problem, trajectory)
+        return claimed.dilated(max(1.0, self.certificate.dilation))
+
+    @property
+    def jerk_integral(self) -> float | None:
+        """`∫ jerk²` over all joints, infinite where acceleration jumps."""
+        return None if self.smoothness is None else self.smoothness.jerk_integral
+
+    @property
+    def acceleration_integral(self) -> float | None:
+        """`∫ acceleration²` over all joints."""
+        return None if self.smoothness is None else self.smoothness.acceleration_integral
+
+    @property
+    def jerk_rms_sum(self) -> float | None:
+        """The sum of the joints' root mean square jerks, infinite where acceleration jumps."""
+        return None if self.smoothness is None else self.smoothness.jerk_rms_sum
+
     @property
     def feasible(self) -> bool | None:
         """True if the trajectory keeps every limit as claimed; None without one."""
@@ -177,6 +204,7 @@ class Trial:
             "claimed_duration": self.claimed_duration,
             "certified_duration": self.certified_duration,
             "lower_bound": self.lower_bound,
+            "smoothness": self.smoothness and self.smoothness.as_dict(),
             "waypoint_times": times,
             "evaluations": self.solution.evaluations,
             "setup_time": self.setup_time,

@@ -16,7 +16,7 @@ from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
-from trajopt.cli.plan import print_durations, print_worst
+from trajopt.cli.plan import print_durations, print_smoothness, print_worst
 from trajopt.formats.motion import TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judging.verification import Certificate
@@ -109,6 +109,7 @@ def _print(found: Judgement) -> None:
         console.paragraph(sentence)
     times = found.trajectory.waypoint_times
     print_durations(found.claimed_duration, found.certified_duration, times)
+    print_smoothness(found.smoothness, found.problem)
     print_worst(found.certificate, found.excess, found.problem)
 
 

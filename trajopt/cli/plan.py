@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_planner import best
@@ -22,8 +23,10 @@ from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.formats import yaml_file
 from trajopt.judging.falling_velocity import Excess, excess
+from trajopt.judging.smoothness import Smoothness, unit
 from trajopt.judging.verification import Certificate
 from trajopt.planners.registry import named
+from trajopt.views import table_cells
 from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Executed, Points, Target, peak
 
@@ -177,6 +180,7 @@ def print_trial(trial: Trial, problem: str) -> None:
     console.paragraph(
         f"  computing   {trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
     )
+    print_smoothness(trial.smoothness, trial.problem)
     if trial.certificate:
         found = None
         if certified is not None and trial.problem.falling_velocity:
@@ -219,6 +223,24 @@ def print_worst(certificate: Certificate, found: Excess | None, problem: Problem
 
 def _short_label(problem: Problem, joint: int) -> str:
     return problem.joint_labels[joint].removeprefix("joint ")
+
+
+def print_smoothness(found: Smoothness | None, problem: Problem) -> None:
+    """Print the integrals of a certified motion; of an infinite one, what jumps."""
+    if found is None:
+        return
+    integrals = {"acceleration": found.acceleration_integral, "jerk": found.jerk_integral}
+    for order, (name, value) in enumerate(integrals.items(), start=2):
+        if np.isfinite(value):
+            text = f"{table_cells.integral(value)} {unit(problem, order)}"
+        elif found.jump is not None:
+            jump = found.jump
+            joint = problem.joint_labels[jump.joint]
+            size = f"{jump.value:.4g} {problem.unit(jump.joint, jump.order)}"
+            text = f"infinite: {joint} jumps by {size} at {jump.time:.6g} s"
+        else:
+            text = "infinite"
+        console.paragraph(f"  {f'∫ {name}²':<16}{text}")
 
 
 def _own_velocity_limits(found: Excess, problem: Problem) -> str:

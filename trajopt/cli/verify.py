@@ -18,7 +18,7 @@ from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.console import Grid
 from trajopt.cli.judge import slower, unmendable
 from trajopt.cli.parameters import InterpolationName, Json
-from trajopt.cli.plan import print_worst
+from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
@@ -166,6 +166,7 @@ def _print_execution(found: Execution, limits: str) -> None:
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
     for sentence in _mended(certificate, kind):
         console.paragraph(sentence)
+    print_smoothness(found.smoothness, found.problem)
     print_worst(certificate, found.excess, found.problem)
 
 

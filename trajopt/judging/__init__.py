@@ -4,6 +4,7 @@ In reading order:
 
 - `repair`: the nearest motion that passes every waypoint and does not jump;
 - `verification`: `verify`, which judges the repaired motion, and its `Certificate`;
+- `smoothness`: ∫ jerk² and ∫ acceleration² of a motion;
 - `passing`: the times at which a motion passes waypoints;
 - `falling_velocity`: velocity limits that fall towards position limits.
 """

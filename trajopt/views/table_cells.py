@@ -54,6 +54,14 @@ def ratio(value: float, form: str = ".4f") -> str:
     return number(value, ".1e" if value < _SMALLEST_RATIO else form)
 
 
+def integral(value: float | None) -> str:
+    """An integral of squares: four digits, ∞ for a motion that jumps."""
+    if value is None or isnan(value) or isinf(value):
+        return number(value)
+    digits = max(0, 3 - floor(log10(value))) if value > 0 else 0
+    return f"{value:.3e}" if value >= 1e6 or digits > 7 else f"{value:.{digits}f}"
+
+
 def probability(value: float) -> str:
     """A p-value."""
     return f"< {SMALLEST_P}" if value < SMALLEST_P else number(value, ".3f")
@@ -86,6 +94,7 @@ def of_summary(row: Any) -> Cells:
         "quartiles": f"{row.q1:.4f}–{row.q3:.4f}" if several else MISSING,
         "gap": gap(row.gap),
         "dilation": dilation(row.dilation),
+        "jerk_integral": integral(row.jerk_integral),
         "evaluations": number(row.evaluations, ".0f"),
         "solve_time": number(row.solve_time, ".3f"),
     }

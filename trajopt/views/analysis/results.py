@@ -158,6 +158,8 @@ class Tables:
             dilation: median of the runs that break a limit and can be mended.
             position_excess: worst of all runs, rad.
             lower_bound: the smallest, s.
+            jerk_integral, acceleration_integral, jerk_rms_sum: medians, infinite for a motion that
+                jumps.
             evaluations, solve_time: medians, the latter in s.
             setup_time: the longest, s.
             status, message: of the first run that is not solved, or of the first.
@@ -194,6 +196,9 @@ class Tables:
             "dilation": groups["dilation"].median(),
             "position_excess": groups["position_excess"].max(),
             "lower_bound": groups["lower_bound"].min(),
+            "jerk_integral": groups["jerk_integral"].median(),
+            "acceleration_integral": groups["acceleration_integral"].median(),
+            "jerk_rms_sum": groups["jerk_rms_sum"].median(),
             "evaluations": groups["evaluations"].median(),
             "solve_time": groups["solve_time"].median(),
             "setup_time": groups["setup_time"].max(),

@@ -42,6 +42,7 @@ TRIAL_COLUMNS = (
     "certified_duration",
     "gap",
     "dilation",
+    "jerk_integral",
     "evaluations",
     "solve_time",
     "setup_time",

@@ -21,6 +21,7 @@ COLUMNS = {  # headings, with units, of the table of problems and planners
     "quartiles": "quartiles",
     "gap": "gap (%)",
     "dilation": "dilation",
+    "jerk_integral": "∫ jerk²",
     "evaluations": "evaluations",
     "solve_time": "time (s)",
 }
