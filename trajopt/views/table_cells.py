@@ -5,7 +5,7 @@ A row is one of a frame of `Results`: of `summary`, `planners`, `paired` or `bet
 
 from __future__ import annotations
 
-from math import isinf, isnan
+from math import floor, isinf, isnan, log10
 from typing import Any
 
 MISSING = "–"
