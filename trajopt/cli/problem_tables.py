@@ -32,7 +32,7 @@ def show(results: Results) -> None:
 
 
 def _comparison(lines: Sequence[Line]) -> Grid:
-    numbers = ("median", "quartiles", "gap %", "kept", "∫ jerk²", "evals", "time")
+    numbers = ("median", "quartiles", "gap %", "kept", "∫jerk²", "evals", "time")
     title = f"{lines[0].problem}: certified durations, s"
     table = console.table("planner", numbers=numbers, title=title)
     for line in lines:
@@ -76,7 +76,7 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
         sentences.append(f"Reading of the paper: {readings}.")
     sentences.append(
         "Kept: share of runs within every limit as claimed; × 1.33: the others must be\n"
-        "slowed by this (median). ∫ jerk²: of the certified motion, all joints together,\n"
+        "slowed by this (median). ∫jerk²: of the certified motion, all joints together,\n"
         "SI units; ∞ where acceleration jumps."
     )
     return "\n".join(sentences)
