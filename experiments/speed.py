@@ -29,6 +29,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.judging.verification import Tolerance, verify
+from trajopt.planners.objective import Objective
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.planners.swarm import Compared, minimise
@@ -84,6 +85,7 @@ def searches(problem: Problem, iterations: int, repeats: int) -> Iterator[Row]:
     ways.append(_counted("SciPy's DE, vectorised", _scipy(objective, iterations)))
     for runs in (1, SEEDS_TOGETHER):
         ways.append(_alone(objective, POPULATION * runs))
+    ways += _compiled(problem)
     yield from side_by_side("evaluation of the 3-5-3 fitness", ways, "µs", repeats)
 
 
@@ -100,6 +102,19 @@ def _alone(objective: SegmentTimes, candidates: int) -> Way:
     note = f"{candidates} candidates a call"
     fitness = partial(objective.fitness, drawn[None])
     return Way("the fitness alone", fitness, note, candidates)
+
+
+def _compiled(problem: Problem) -> Iterator[Way]:
+    """What any other optimiser calls: one candidate a call, and many."""
+    own = Objective(problem)
+    drawn = np.random.default_rng(0).uniform(own.low, own.high, (POPULATION * SEEDS_TOGETHER, 3))
+
+    def one_by_one() -> list[float]:
+        return [own(candidate) for candidate in drawn]
+
+    yield Way("trajopt.objective", one_by_one, "one candidate a call", len(drawn))
+    together = partial(own, drawn)
+    yield Way("trajopt.objective", together, f"{len(drawn)} candidates a call", len(drawn))
 
 
 def _counted(name: str, search: Callable[[], int]) -> Way:

@@ -21,7 +21,8 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
-from trajopt.planners.swarm_planner import Group
+from trajopt.planners.planner import Planner
+from trajopt.planners.swarm_planner import Group, SwarmPlanner
 from trajopt.planners.timing import FamilyTiming, Timing
 
 Fitness = Literal["penalty", "scaled"]
@@ -141,6 +142,9 @@ class Objective:
 
 def unsupported(problem: Problem, shape: str) -> str | None:
     """Return why no times of a shape can be searched for a problem, or None."""
+    reason = Planner.unsupported(SwarmPlanner(), problem)  # a kind of limit that no timing knows
+    if reason is not None:
+        return reason
     merged, _ = problem.merged()
     if shape == CLOSED_FORM:
         return spline353.unsupported(problem) or spline353.infeasible(problem)

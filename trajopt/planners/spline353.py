@@ -247,7 +247,7 @@ def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Bools:
     left = np.arange(len(times))
     for order in (2, 1, 3):
         t = _joints_first(times[left, None], 3)
-        use = _use(order, d, t, limits, exact_above=1.0)
+        use = _use(order, d, t, limits, exact_above=1.0, decide=True)
         left = left[use.max(axis=0) <= 1]
     keeps = np.zeros(len(times), dtype=bool)
     keeps[left] = True
@@ -398,7 +398,9 @@ def _by_joint(limits: Array, axes: int) -> Array:
     return limits.reshape(-1, *(1,) * (axes - 1), 2)
 
 
-def _use(order: int, d: Array, t: Array, limits: Limits, exact_above: float) -> Array:
+def _use(
+    order: int, d: Array, t: Array, limits: Limits, exact_above: float, decide: bool = False
+) -> Array:
     """Peak of the derivative of this order over its limit, `(joints, …)`.
 
     Args:
@@ -407,21 +409,23 @@ def _use(order: int, d: Array, t: Array, limits: Limits, exact_above: float) -> 
         t: Times, with as many axes.
         limits: Of the joints.
         exact_above: As for `limit_use`.
+        decide: Whether the peak of a candidate that passes it somewhere may be any that does.
     """
+    above = (exact_above, decide)
     if order == 3 and not limits.jerk_limited.any():
         return np.zeros(np.broadcast_shapes(d[0].shape, t[0].shape))
     quintic = Quintic.between(d, t)
     if order == 1:
         controls = _stacked(*quintic.velocity())
-        return _peak_use(controls, limits.velocity, exact_above, quintic.acceleration, _cubic_roots)
+        return _peak_use(controls, limits.velocity, above, quintic.acceleration, _cubic_roots)
     acceleration = quintic.acceleration()
     jerk = partial(_derivative, acceleration, quintic.T)
     if order == 2:
         controls = _stacked(*acceleration)
-        return _peak_use(controls, limits.acceleration, exact_above, jerk, _quadratic_roots)
+        return _peak_use(controls, limits.acceleration, above, jerk, _quadratic_roots)
     controls = _stacked(*jerk())
     slope = partial(_derivative, list(controls), quintic.T)
-    use = _peak_use(controls, limits.jerk, exact_above, slope, _linear_roots)
+    use = _peak_use(controls, limits.jerk, above, slope, _linear_roots)
     # The cubics have the constant jerk 6 d/t³.
     first, _, third = 6 * d / t**3
     of_cubics = _ratio((first, third), _by_joint(limits.jerk, use.ndim))
@@ -431,19 +435,24 @@ def _use(order: int, d: Array, t: Array, limits: Limits, exact_above: float) -> 
 def _peak_use(
     controls: Array,
     limits: Array,
-    exact_above: float,
+    above: tuple[float, bool],
     slope: Callable[[], Sequence[Array]],
     roots: Roots,
 ) -> Array:
     """Worst ratio of Bernstein polynomials `(degree + 1, joints, …)`: `(joints, …)`.
 
-    At their ends, and where their slope is zero if needed.
+    At their ends, and where their slope is zero if needed: `above` is `_use`'s `exact_above` and
+    `decide`.
     """
+    exact_above, decide = above
     own_limits = _by_joint(limits, controls.ndim - 1)
     use = _ratio(controls[:: len(controls) - 1], own_limits)
     # The polynomial stays within its controls: where these are low enough, no root is needed.
     bound = _ratio(controls[1:-1], own_limits)
     enough = np.maximum(use, exact_above)
+    if decide:
+        # one joint beyond it at an end is enough to know
+        enough = np.where(use.max(axis=0) > exact_above, np.inf, enough)
     needed = np.flatnonzero(bound > enough)
     if not needed.size:
         return use
