@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -79,13 +80,20 @@ def numbers(problems: Sequence[Judged]) -> int:
     """Count the published numbers; one that several problems of a source share counts once."""
     most: Counter[tuple[str, float]] = Counter()
     for problem in problems:
-        own = [(problem.published.doi, claim.duration) for claim in problem.published.claims]
+        own = [(_source(problem), claim.duration) for claim in problem.published.claims]
         most |= Counter(own)
     return most.total()
 
 
 def _sources(problems: Sequence[Judged]) -> int:
-    return len({problem.published.doi for problem in problems})
+    """Count the publications; one without a DOI is known by its authors and year."""
+    return len({_source(problem) for problem in problems})
+
+
+def _source(problem: Judged) -> str:
+    own = problem.published
+    until_year = re.match(r".*?\d{4}", own.source)
+    return own.doi or (until_year[0] if until_year else own.source)
 
 
 def _verdicts(problems: Sequence[Judged]) -> list[Verdict]:

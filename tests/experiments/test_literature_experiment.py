@@ -54,3 +54,11 @@ def test_the_picture_of_the_page_is_there_and_small(output):
     picture = output / "literature" / "all.png"
     assert "(literature/all.png)" in (output / "literature.md").read_text(encoding="utf-8")
     assert 5_000 < picture.stat().st_size < 100_000
+
+
+def test_a_source_without_a_doi_is_known_by_its_authors_and_year():
+    """Two papers without one are two sources; two problems of a paper are one."""
+    published = [suite.published(path) for path in suite.files().values()]
+    claimed = [SimpleNamespace(published=own) for own in published if own.claims]
+    assert len({own.published.doi for own in claimed}) == 7  # the empty one counts once
+    assert page._sources(claimed) == 8

@@ -73,6 +73,7 @@ def described(entry: Entry) -> dict[str, Any]:
         "name": entry.name,
         "description": "",
         "options": {},
+        "on_request": False,
         "knows": [],
         "ignores": [],
         "refuses": [],
@@ -81,6 +82,7 @@ def described(entry: Entry) -> dict[str, Any]:
         planner = entry.load()
         row["description"] = planner.description
         row["options"] = planner.options()
+        row["on_request"] = planner.on_request
         row["knows"] = list(planner.knows)
         for limit in _OPTIONAL_LIMITS:
             row.get(_fate(planner, limit), []).append(limit)
@@ -146,6 +148,8 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> Grid:
             lines.append(Text(console.visible(", ".join(settings)), "dim"))
         if planner["available"]:
             lines.append(Text(_limits_in_words(planner), "dim"))
+            if planner["on_request"]:
+                lines.append(Text("compared if named", "dim"))
         else:
             lines.append(Text(console.visible(f"not available: {planner['missing']}"), "red"))
         table.row(console.bold(planner["name"]), Text("\n").join(lines))
