@@ -49,6 +49,8 @@ _SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
 _BREAK_RTOL = 1e-8
 # Factor on the limits if rounding makes a path infeasible whose only timing is at its limits.
 _WIDER = 1 + 1e-6
+# First step of the search for knots, of the logarithm of a segment's share.
+_KNOT_STEP = 0.3
 # More than any path speed, in units of the cheapest uniform one.
 _FREE_SPEED = 1e2
 
@@ -60,7 +62,9 @@ class ToppRa(Planner):
     - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
       by its square root, or by the time from stop to stop;
     - `ends`: the spline's end rule;
-    - `gridpoints`: about how many intervals the path is cut into.
+    - `gridpoints`: about how many intervals the path is cut into;
+    - `search`: number of splines more, for which Nelder and Mead's simplex moves the knots of the
+      best one.
 
     `"best"` tries all rules and keeps the shortest certified duration.
     """
@@ -68,12 +72,15 @@ class ToppRa(Planner):
     knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
     ends: Literal["not-a-knot", "natural", "clamped", "best"] = "best"
     gridpoints: int = 1000
+    search: int = 0
 
     requires = ("toppra",)
 
     def __post_init__(self) -> None:
         if self.gridpoints < 10:
             raise InvalidInput("gridpoints", "at least 10", value=self.gridpoints)
+        if self.search < 0:
+            raise InvalidInput("search", "0 or more", value=self.search)
 
     def unsupported(self, problem: Problem) -> str | None:
         if problem.has("jerk"):
@@ -91,7 +98,45 @@ class ToppRa(Planner):
             path = spline(problem, knot_rule, end_rule)
             solution = along(problem, path, gridpoints=self.gridpoints)
             solutions[f"{knot_rule}/{end_rule}"] = solution
-        return best_of(problem, solutions)
+        best = replace(best_of(problem, solutions), evaluations=len(solutions))
+        if self.search and best.trajectory is not None and problem.segments > 1:
+            return self._searched(problem, best)
+        return best
+
+    def _searched(self, problem: Problem, best: Solution) -> Solution:
+        """Return the best of the splines whose knots a simplex search places."""
+        from scipy.optimize import minimize
+
+        knot_rule, end_rule = best.stats["spline"].split("/")
+        found = [(_cost(problem, best), best)]
+
+        def cost(logs: Array) -> float:
+            at = np.exp(np.r_[0.0, logs]) * steps(problem, knot_rule)
+            path = spline(problem, at, end_rule)
+            solution = along(problem, path, gridpoints=self.gridpoints)
+            found.append((_cost(problem, solution), solution))
+            return found[-1][0]
+
+        start = np.zeros(problem.segments - 1)
+        options = {"maxfev": self.search, "initial_simplex": _simplex(start)}
+        minimize(cost, start, method="Nelder-Mead", options=options)
+        shortest = min(found, key=lambda own: own[0])[1]
+        evaluations = (best.evaluations or 0) + len(found) - 1
+        stats = {**best.stats, **shortest.stats}
+        return replace(shortest, evaluations=evaluations, stats=stats)
+
+
+def _simplex(start: Array) -> Array:
+    """Return corners around a start: each coordinate larger by `_KNOT_STEP`."""
+    return np.vstack([start, start + _KNOT_STEP * np.eye(len(start))])
+
+
+def _cost(problem: Problem, solution: Solution) -> float:
+    """Return the certified duration, s; infinite without one."""
+    if solution.trajectory is None:
+        return np.inf
+    certified = verify(problem, solution.trajectory).certified_duration
+    return np.inf if certified is None else certified
 
 
 def rules(knots: str = "best", ends: str = "best") -> list[tuple[Any, Any]]:
@@ -115,15 +160,17 @@ def steps(problem: Problem, knots: Knots) -> Array:
     return np.sqrt(chords)
 
 
-def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
+def spline(problem: Problem, knots: Knots | Array, ends: Ends) -> Trajectory:
     """Return the cubic spline through the waypoints, before it is timed.
 
-    No two consecutive waypoints may be identical. The spline's "time" is the path parameter.
-    Not-a-knot is a parabola with three waypoints, a line with two.
+    `knots` is a rule, or the growth of the parameter in each segment, `(segments,)`. No two
+    consecutive waypoints may be identical. The spline's "time" is the path parameter. Not-a-knot
+    is a parabola with three waypoints, a line with two.
     """
     import scipy  # late: planners that are only listed need none of it
 
-    at = np.r_[0.0, np.cumsum(steps(problem, knots))]
+    growth = steps(problem, knots) if isinstance(knots, str) else knots
+    at = np.r_[0.0, np.cumsum(growth)]
     cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends)
     return Trajectory(at, cubics.c, at)
 

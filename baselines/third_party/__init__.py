@@ -59,7 +59,7 @@ class Rival(Planner):
         for setting in self.settings[: self.tries]:
             name = "/".join(map(str, setting))
             solutions[name] = self.tried(problem, *setting)
-        return best_of(problem, solutions)
+        return replace(best_of(problem, solutions), evaluations=len(solutions))
 
     @abstractmethod
     def tried(self, problem: Problem, *setting: Any) -> Solution:

@@ -305,11 +305,12 @@ trajopt compare --suite edges --planner {name}
             text += "[rivals](../questions/index.md#how-far-are-other-peoples-planners-rivals).\n\n"
         if name in gaps:
             cells = list(gaps[name].items())
-            suites = [[key, value] for key, value in cells[1:-1] if value]
+            own = [key for key, _ in cells if key != "six-axis" or name not in six_axis]
+            suites = [[key, value] for key, value in cells[1:-1] if value and key in own]
             text += f"""## Its gap on every suite
 
-Median gap to the best known motions and the largest, in %. Where answers are missing it says
-how many there are. Of code {gaps[name]["commit"]}.
+Median gap to the best known motions and the largest, in %; searches have 3 seeds. Where answers
+are missing it says how many there are. Of code {gaps[name]["commit"]}.
 
 {table(["suite", "gap, %"], suites)}
 

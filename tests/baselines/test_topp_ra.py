@@ -192,3 +192,14 @@ def test_position_limits_choose_among_the_paths():
 def test_jerk_is_not_supported():
     problem = Problem.from_toml(FOLDER / "jerk-limit.toml")
     assert "jerk" in ToppRa().unsupported(problem)
+
+
+def test_a_search_of_the_knots_is_no_longer_than_any_rule_and_counts_its_splines():
+    problem = random_problem(4).merged()[0]
+    rules = ToppRa(gridpoints=100).solve(problem)
+    searched = ToppRa(gridpoints=100, search=30).solve(problem)
+    assert (rules.evaluations, searched.evaluations) == (12, 42)
+    assert certified(problem, searched) < certified(problem, rules)
+    assert candidates(searched) == candidates(rules)
+    one = ToppRa(knots="chord", ends="natural", gridpoints=100).solve(problem)
+    assert one.evaluations == 1
