@@ -73,14 +73,14 @@ def entrants(
             budget |= {"cpu_limit": CPU_LIMIT_S}
         planner = configured(planner, budget, name)
         if names or name in OWN:
-            found[spec] = planner
+            found[spec.replace(":", " ")] = planner  # a colon parts a label from its options
             continue
         try:
             known = planner.choices()["name"]
         except MissingBackend:
             continue
         for own in known:
-            found[f"{name}:name={own}"] = replace(planner, name=own)  # type: ignore[type-var]
+            found[f"{name} {own}"] = replace(planner, name=own)  # type: ignore[type-var]
     return found
 
 

@@ -11,6 +11,7 @@ from test_swarm_experiments import crowd
 
 from experiments import arena
 from experiments.common import races
+from trajopt.benchmark.store.recheck import verification
 from trajopt.planners.registry import load
 
 
@@ -71,7 +72,7 @@ def test_a_failure_reaches_no_target():
 def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
     found = arena.entrants((), ("pymoo",), 500)
     assert [*arena.OWN] == list(found)[: len(arena.OWN)]
-    assert {f"pymoo:name={name}" for name in load("pymoo").choices()["name"]} <= found.keys()
+    assert {f"pymoo {name}" for name in load("pymoo").choices()["name"]} <= found.keys()
     assert {planner.evaluations for planner in found.values()} == {500}
     limits = {planner.cpu_limit for name, planner in found.items() if "pymoo" in name}
     assert limits == {arena.CPU_LIMIT_S}
@@ -81,7 +82,12 @@ def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
 
 def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(races, "PROOF", "certify:family=spline353,within=1e-3,time_limit=20")
-    told = {"names": ("pso", "de"), "problems": ("six-axis",), "jobs": 0, "output": tmp_path}
+    told = {
+        "names": ("pso", "de:population=12"),
+        "problems": ("six-axis",),
+        "jobs": 0,
+        "output": tmp_path,
+    }
     arena.main(budgets=(60,), seeds=1, **told)
     trials = tmp_path / "six-axis" / "60" / "results.h5"
     assert trials.exists()
@@ -90,5 +96,7 @@ def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
     arena.main(budgets=(60, 90), seeds=2, **told)
     assert "six-axis, 90 evaluations, 2 seeds:" in capsys.readouterr().out
     assert (tmp_path / "six-axis.svg").read_text(encoding="utf-8").startswith("<?xml")
+    own_words = [t for t in verification(tmp_path / "six-axis" / "60").trials if not t.holds]
+    assert not own_words
     kept = (tmp_path / "six-axis-printed.csv").read_text(encoding="utf-8")
     assert "median gap at 60" in kept
