@@ -29,6 +29,7 @@ def export(
     to: Literal["csv", "parquet", "latex", "svg", "pdf"],
     out: Path | None = None,
     against: str | None = None,
+    each_problem: bool = False,
 ) -> int:
     """Write the trials of a folder for other tools.
 
@@ -36,6 +37,7 @@ def export(
         folder: Results folder of a comparison, or its results.h5.
         to: Trials as CSV or Parquet, tables in LaTeX, or the figures.
         out: File; for svg, pdf and latex a folder.
+        each_problem: With svg and pdf: of several problems the figures of each one too.
         against: With latex: planner that all others are tested against in planners.tex.
     """
     with kinds.reading(folder, "results"):
@@ -49,9 +51,12 @@ def export(
     elif to == "latex":
         latex.write(results, path, rival)
     else:
-        draw.write(results, path, to)
+        draw.write(results, path, to, each_problem=each_problem)
     trials = len(results.items)
     console.line(f"exported: {path} ({trials} trials)")
+    several = results.trials()["digest"].nunique() > 1
+    if to in ("svg", "pdf") and several and not each_problem:
+        console.line("The figures of each problem: --each-problem")
     if results.left_out:
         console.paragraph(results.newest)
     return 0

@@ -211,3 +211,17 @@ def test_a_planner_has_its_colour_of_the_figures_in_the_report(trials):
     for planner in content.page(Results(trials)).planners:
         look = plots.planner_look(planner["label"], labels)
         assert planner["colour"] == look["color"]
+
+
+def test_the_figures_of_a_suite_are_written_without_those_of_each_problem(tmp_path):
+    found = []
+    for number in (1.0, 2.0):
+        problem = Problem([[0.0], [number]], Limits([1.0], [2.0]), f"problem {number:g}")
+        found += judge(load("ruckig-stop"), problem, [0], "ruckig-stop")
+        found += judge(load("exact"), problem, [0], "exact")
+    results = Results(found)
+    draw.write(results, tmp_path / "suite", "svg", each_problem=False)
+    assert {path.name for path in (tmp_path / "suite").iterdir()} >= {"profile.svg", "gaps.svg"}
+    assert not any(path.is_dir() for path in (tmp_path / "suite").iterdir())
+    draw.write(results, tmp_path / "each", "svg")
+    assert (tmp_path / "each" / "problem_1" / "durations.svg").is_file()

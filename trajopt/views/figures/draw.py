@@ -99,10 +99,18 @@ def of_suite(results: Tables) -> Iterator[Picture]:
             yield f"anytime-{cost}", partial(suite.anytime, anytime(ordered), order, cost)
 
 
-def write(results: Tables, folder: Path, kind: Literal["svg", "pdf"]) -> None:
+def write(
+    results: Tables, folder: Path, kind: Literal["svg", "pdf"], *, each_problem: bool = True
+) -> None:
     """Write the figures of `draw`, and the motion of every planner, as SVG or PDF.
 
-    Of several problems also the figures `of_suite`.
+    Of several problems the figures `of_suite` come first.
+
+    Args:
+        results: The trials.
+        folder: Where the figures go.
+        kind: Of the files.
+        each_problem: Of several problems, whether each one's own figures are written too.
 
     Raises:
         StoreError: where the disk refuses.
@@ -114,6 +122,8 @@ def write(results: Tables, folder: Path, kind: Literal["svg", "pdf"]) -> None:
         if len(by_problem(trials)) > 1:
             for stem, picture in of_suite(results):
                 plots.write(picture(), folder / f"{stem}.{kind}")
+            if not each_problem:
+                return
         for own, name in _problems(trials):
             for stem, picture in _pictures(own, _order(trials), every_motion=True):
                 plots.write(picture(), folder / name / f"{stem}.{kind}")
