@@ -74,3 +74,30 @@ def test_every_extra_that_an_error_names_exists():
 def test_the_version_is_in_one_place():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"version: {PROJECT['version']}\n" in citation
+
+
+ALONE = """
+import sys
+
+class Only:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in LACKING:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Only())
+import trajopt
+from trajopt.planners.registry import load
+
+problem = trajopt.Problem([[0.0], [1.0], [2.0], [3.0]], trajopt.Limits([10.0], [4.0]))
+for name in ("exact", "exact-jerk", "spline353-nlp", "pso", "de"):
+    answer = load(name).solve(problem)
+    assert trajopt.verify(problem, answer.trajectory).valid, name
+assert abs(trajopt.judge(problem, trajopt.plan(problem).solution.trajectory).gap) < 1e-6
+"""
+
+
+def test_judging_and_planning_need_numpy_and_scipy_alone():
+    """As the page on installing says."""
+    lacking = {NAME.match(line)[0].replace("-", "_") for line in PROJECT["dependencies"]}
+    code = ALONE.replace("LACKING", repr(lacking - BASE_OF_VERIFY))
+    subprocess.run([sys.executable, "-c", code], check=True)
