@@ -6,10 +6,10 @@ where an optimiser has one.
 
 The budget is spent exactly:
 
-- an optimiser that asks for more is stopped, in the middle of a generation too; the best candidate
-  so far is the answer. mealpy is told as many epochs as the budget holds populations, whatever an
-  epoch of the optimiser costs;
-- one that ends early starts anew on what is left, from another seed;
+- an optimiser is told the whole budget. One that asks for more is stopped, in the middle of a
+  generation too; the best candidate so far is the answer. mealpy is told as many epochs as the
+  budget holds populations, whatever an epoch of the optimiser costs;
+- one that ends early starts anew, from another seed, until the budget is spent;
 - a candidate outside the box counts as the nearest one inside, and one that is not a list of finite
   times as 1e100 s; both count.
 
@@ -127,7 +127,7 @@ class Metaheuristic(Planner):
     """Segment times by an optimiser of another library.
 
     - `name`: the library's own, which `trajopt list PLANNER` lists;
-    - `population`: where the optimiser has one;
+    - `population`: where the optimiser has one, and allows this;
     - `iterations`: the budget, in populations beside the first; `evaluations`: in candidates, if
       given;
     - `shape`, `fitness`: those of `trajopt.objective`;
@@ -327,8 +327,12 @@ class Mealpy(Metaheuristic):
         return sorted(_mealpy())
 
     def search(self, counted: Counted, seed: int) -> None:
-        epochs = -(-counted.left // self.population)  # rounded up
-        optimiser = _mealpy()[self.name](epoch=epochs, pop_size=self.population)
+        epochs = -(-counted.budget // self.population)  # rounded up
+        kind = _mealpy()[self.name]
+        try:
+            optimiser = kind(epoch=epochs, pop_size=self.population)
+        except ValueError:  # other options allow no such population: its own
+            optimiser = kind(epoch=epochs)
         box = counted.fitness
         bounds = backend("mealpy", "mealpy").FloatVar(lb=box.low.tolist(), ub=box.high.tolist())
         task = {"obj_func": counted.one, "bounds": bounds, "minmax": "min", "log_to": None}
@@ -361,7 +365,7 @@ class Pymoo(Metaheuristic):
         import_module("pymoo.optimize").minimize(
             _pymoo_problem(counted),
             kind(**settings),
-            ("n_eval", counted.left),
+            ("n_eval", counted.budget),
             seed=seed,
             copy_algorithm=False,
         )
@@ -415,7 +419,7 @@ class Nevergrad(Metaheuristic):
         times = ng.p.Array(init=(box.low + box.high) / 2, lower=box.low, upper=box.high)
         times.random_state = np.random.RandomState(seed % 2**32)  # it needs this
         made = _nevergrad()[self.name]
-        optimiser = self._sized(made)(times, budget=counted.left, num_workers=1)
+        optimiser = self._sized(made)(times, budget=counted.budget, num_workers=1)
         while counted.left > 0:
             try:
                 asked = optimiser.ask()

@@ -157,7 +157,8 @@ def printed(tables: Mapping[int, pd.DataFrame]) -> pd.DataFrame:
                 columns[f"within {name} {at}"] = own[f"within {name}"].map(_share)
             columns["evaluations to 0.1 %"] = own["evaluations to 0.1 %"].map(_count)
         columns[f"median gap {at}"] = own["median gap"].map(_percent)
-        columns[f"group {at}"] = own["group"].map(_count)
+        if own["group"].notna().any():
+            columns[f"group {at}"] = own["group"].map(_count)
     made = pd.DataFrame(columns).loc[tables[largest].index]
     made.insert(0, "failed", sum(own["failed"] for own in tables.values()))
     return made.rename_axis("optimiser")

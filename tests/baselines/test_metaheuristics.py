@@ -242,3 +242,13 @@ def test_list_says_what_is_there(library, capsys):
 def test_the_extras_are_those_that_the_planners_name():
     for planner in (Mealpy(), Pymoo(), Nevergrad()):
         assert planner.requires == (planner.extra,)
+
+
+@pytest.mark.skipif("mealpy" not in INSTALLED, reason="mealpy is not installed")
+def test_one_that_allows_no_such_population_has_its_own():
+    """Cross-entropy takes the best 20 of its population by default, so that 30 are too few."""
+    solution = load("mealpy:name=OriginalCEM,evaluations=300").solve(SIX_AXIS)
+    assert (solution.status, solution.evaluations) == (Status.SOLVED, 300)
+    refused = load("mealpy:name=OriginalBCO,evaluations=300").solve(SIX_AXIS)
+    assert refused.status is Status.FAILED  # its default is outside of its own range
+    assert "n_chemotaxis" in refused.message
