@@ -12,11 +12,24 @@ from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.results import Results
 
 _MEANING = """\
-Problems: those that the planner supports. Solved, failed, relaxed: runs on them;
-relaxed motions break limits which their planner ignores.
+Problems: what the planner supports. Solved, failed, relaxed: runs on these.
+Relaxed motions break limits which their planner ignores.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
-_CELLS = ("problems", "solved", "failed", "relaxed", "gap", "worst", "time")
+_PAIRED = "There: the gap of {} on the same problems; lines of different problems compare by it."
+_CELLS = {
+    "problems": "problems",
+    "solved": "solved",
+    "failed": "failed",
+    "relaxed": "relaxed",
+    "gap": "gap %",
+    "there": "there %",
+    "worst": "worst %",
+    "time": "time s",
+}
+# Columns that are not shown, where all planners support the same problems or do not: what failed
+# is the rest, and why is said below the table.
+_REPLACED = {False: ("there",), True: ("failed",)}
 MAX_FAILURE_KINDS = 3  # shown of each planner
 
 
@@ -32,16 +45,19 @@ def show(results: Results, folder: Path) -> Path | None:
     except MissingBackend as error:
         page = None
         console.note(f"no report: {error}")
-    numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
-    table = console.table("planner", numbers=numbers)
-    for row in results.planners().itertuples():
+    planners = results.planners()
+    paired = planners["there"].nunique() > 1
+    cells = {name: heading for name, heading in _CELLS.items() if name not in _REPLACED[paired]}
+    table = console.table("planner", numbers=tuple(cells.values()))
+    for row in planners.itertuples():
         own = table_cells.of_planner(row)
-        shown = (own[name] for name in _CELLS)
-        table.row(console.option_lines(row.Index), *shown)
+        table.row(console.option_lines(row.Index), *(own[name] for name in cells))
     console.OUT.print(table)
     for sentence in _why_failed(results):
         console.paragraph(sentence)
     console.paragraph(_MEANING)
+    if paired:
+        console.paragraph(_PAIRED.format(planners["yardstick"].iloc[0]))
     console.paragraph()
     return page
 

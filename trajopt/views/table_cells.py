@@ -109,6 +109,7 @@ def of_planner(row: Any) -> Cells:
         "relaxed": str(row.relaxed),
         "gap": gap(row.gap),
         "worst": gap(row.worst),
+        "there": gap(row.there),
         "rank": number(row.rank, ".2f"),
         "time": number(row.time, ".3f"),
     }

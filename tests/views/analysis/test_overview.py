@@ -42,6 +42,21 @@ def test_trials_are_counted_by_what_became_of_them(items: Sequence[Trial]) -> No
     assert counts.loc["exact"].tolist() == [2, 2, 2, 0, 0, 0]
 
 
+def test_planners_on_different_problems_are_compared_by_one_on_the_same_problems() -> None:
+    """`often` is 10 % and 50 % above the optimum, `seldom` 20 % above on the second alone."""
+    items = [
+        *run("exact", 2.0),
+        *run("exact", 4.0, problem=OTHER),
+        *run("often", 2.2),
+        *run("often", 6.0, problem=OTHER),
+        *run("seldom", 4.8, problem=OTHER),
+    ]
+    table = Results(items).planners()
+    assert set(table["yardstick"]) == {"often"}
+    assert table["gap"][["often", "seldom"]].tolist() == pytest.approx([0.3, 0.2])
+    assert table["there"][["often", "seldom", "exact"]].tolist() == pytest.approx([0.3, 0.5, 0.3])
+
+
 def test_proved_counts_problems_whose_motion_meets_its_bound() -> None:
     items = [
         *run("exact", 2.0),

@@ -63,13 +63,29 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
         gap: median over problems of median gaps to a known optimum, a ratio minus 1; an answer that
             is missing is worse than any.
         worst: gap of any solved trial, a ratio minus 1.
+        yardstick, there: a planner that competes on the most problems (of several the one with the
+            largest median gap), and its median gap on the problems of this line, on which both
+            compete: what the gaps of lines with different problems are compared by.
         rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
         time: median wall time of a trial, s.
     """
     lines = {label: _line(runs) for label, runs in gaps.groupby("label", sort=False)}
     table = pd.DataFrame.from_dict(lines, orient="index")
     table["rank"] = mean_ranks(competing(gaps))
+    known = measured(gaps)
+    table["yardstick"] = yardstick = _yardstick(known, table["gap"])
+    own = known[known["label"] == yardstick]
+    for label, runs in known.groupby("label"):
+        table.loc[label, "there"] = median_gap(own[own["digest"].isin(runs["digest"])])
+    table["there"] = table.get("there", np.nan)
     return best_first(table.rename_axis("label"), 1 + table["gap"])
+
+
+def _yardstick(known: pd.DataFrame, gap: pd.Series[float]) -> str:
+    """Return the planner that competes on most problems, of several the longest that answers."""
+    counts = known.groupby("label")["digest"].nunique()
+    most = counts[counts == counts.max()].index
+    return str(gap[most].replace(np.inf, -np.inf).idxmax()) if len(most) else ""
 
 
 def _line(runs: pd.DataFrame) -> dict[str, Any]:
