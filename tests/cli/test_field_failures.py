@@ -152,3 +152,62 @@ def test_what_xacro_must_expand_is_refused(run, inner):
     code, _, err = run(line, u__urdf=text, j__csv="j1,j2\n0,0\n1,1\n")
     assert code == 2
     assert "xacro" in err
+
+
+# --- FT4-07: digits are no motion ---
+
+
+@pytest.mark.parametrize(
+    ("rate", "unit", "decimals", "raw"),
+    [(500, "rad", 4, 18.746286), (100, "rad", 4, 1.413871), (1000, "deg", 3, 19.204272)],
+)
+def test_digits_of_a_log_are_not_taken_for_motion(run, rate, unit, decimals, raw):
+    times = np.arange(2 * rate + 1) / rate
+    q, _ = quintic(times)
+    size = 1 if unit == "rad" else 180 / np.pi
+    rows = [
+        f"{t!r},{size * a:.{decimals}f},{-size * a / 2:.{decimals}f}"
+        for t, a in zip(times.tolist(), q, strict=True)
+    ]
+    text = f"time [s],q1 [{unit}],q2 [{unit}]\n" + "\n".join(rows)
+    own = "{max_velocity: 2, max_acceleration: 4}"
+    limits = f"joint_limits: {{q1: {own}, q2: {own}}}"
+    line = "verify m.csv --limits l.yaml --interpolation spline --json"
+    code, out, _ = run(line, m__csv=text, l__yaml=limits)
+    found = json.loads(out)["evidence"]
+    assert (code, found["verdict"]) == (0, "kept")
+    assert found["acceleration"]["spline"] == pytest.approx(raw, rel=1e-4)
+    assert found["velocity"]["at_least"] <= 0.46875 * (1 + 1e-6)  # 1.875 h / T of 2
+    assert found["acceleration"]["at_least"] <= 10 / np.sqrt(3) / 4 / 4 * (1 + 1e-6)
+    assert found["velocity"]["uses"] == pytest.approx(0.46875, rel=0.01)
+
+
+# --- FT4-08: a jump that the next limit bridges in a microsecond hides nothing ---
+
+
+def test_a_positions_only_log_of_a_jerk_limited_arm_gets_its_slow_down(run):
+    times = np.arange(1001) / 1000
+    share, _ = quintic(times)
+    still = (0, -0.785, 0, -2.356, 0, 1.571, 0.785)
+    table = np.tile(still, (1001, 1))
+    table[:, 0] = np.pi / 4 * (2 * share - 1)
+    names = ",".join(f"fr3_joint{i} [rad]" for i in range(1, 8))
+    rows = ["time [s]," + names]
+    rows += [
+        ",".join(map(repr, [t, *q])) for t, q in zip(times.tolist(), table.tolist(), strict=True)
+    ]
+    line = "verify khz.csv --robot franka-fr3 --interpolation spline"
+    code, out, _ = run(line, khz__csv="\n".join(rows))
+    slower = 1.875 * np.pi / 2 / 2.62  # the quintic's peak over the limit
+    assert code == 1
+    assert f"Slowed down {slower:.6f} times, to {slower:.6f} s" in " ".join(out.split())
+
+
+def test_a_larger_jump_is_no_motion_and_the_slow_down_is_said_beside_it(run):
+    text = "time [s],j [rad],j [rad/s]\n0,0,0\n0.5,0.5,1.5\n1,1,0.001\n"
+    limits = "joint_limits: {j: {max_velocity: 1, max_acceleration: 9}}"
+    code, out, _ = run("verify m.csv --limits l.yaml", m__csv=text, l__yaml=limits)
+    text = " ".join(out.split())
+    assert code == 1
+    assert "No slow-down mends it: j at 1 s: velocity jumps by 0.001 rad/s." in text
+    assert "Besides, its limits need it 1.5" in text

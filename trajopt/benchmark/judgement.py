@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.best_known import records
+from trajopt.benchmark.logs import AS_LOG, LogOptions, evidence_of
 from trajopt.benchmark.store.folder import is_trial, recorded
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
@@ -38,6 +39,8 @@ from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
 from trajopt.formats.motion import Motion
 from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
+from trajopt.judging.evidence import DEFAULT_WINDOW_S, Evidence
+from trajopt.judging.evidence import passing as through
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.smoothness import Smoothness, smoothness
@@ -58,31 +61,48 @@ class Execution:
     Attributes:
         motion: What is executed.
         problem: The limits, with the motion's own start, end and turning points as waypoints.
-        certificate: The verifier's.
+        certificate: The verifier's: of a log, that of a motion within its digits if there is one.
+        evidence: What a log tells, with that motion; None where the motion is no log.
     """
 
     motion: Motion
     problem: Problem
     certificate: Certificate
+    evidence: Evidence | None = field(default=None, kw_only=True)
+
+    @property
+    def executed(self) -> Trajectory:
+        """The trajectory that the certificate is of."""
+        within = self.evidence and self.evidence.motion
+        return within or self.motion.trajectory
 
     @cached_property
     def excess(self) -> Excess | None:
         """Excess over the arm's own falling velocity limits; None if the arm has none."""
         limits = self.problem.falling_velocity
-        return excess(limits, self.motion.trajectory) if limits else None
+        return excess(limits, self.executed) if limits else None
 
     @cached_property
     def smoothness(self) -> Smoothness | None:
         """Integrals of the motion, slowed down as far as it needs; None with a flaw."""
         if not self.certificate.valid:
             return None
-        executed = smoothness(self.problem, self.motion.trajectory)
+        executed = smoothness(self.problem, self.executed)
         return executed.dilated(max(1.0, self.certificate.dilation))
 
     @property
     def kept(self) -> bool:
         """Tell if the motion keeps every limit without a slow-down, the arm's own limits too."""
+        if self.evidence is not None:
+            return self.evidence.verdict == "kept"
         return self.certificate.feasible and (self.excess is None or self.excess.kept)
+
+    @property
+    def broken(self) -> bool:
+        """Tell if it is proved that the motion breaks a limit; for a log that needs a proof."""
+        if self.evidence is not None:
+            return self.evidence.verdict == "broken"
+        return not self.kept
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
@@ -96,6 +116,7 @@ class Execution:
             "smoothness": self.smoothness and self.smoothness.as_dict(),
             "falling_velocity": self.excess and self.excess.as_dict(),
             "certificate": self.certificate.as_dict(),
+            "evidence": self.evidence and self.evidence.as_dict(),
         }
 
 
@@ -184,8 +205,13 @@ def judge(
     interpolation: Interpolation = "auto",
     via_tolerance: float = 0.0,
     unit: str | None = None,
+    noise: float = 0.0,
+    window: float = DEFAULT_WINDOW_S,
 ) -> Judgement:
     """Judge a motion against a problem (docs/mathematics.md, section 10).
+
+    A log, whose digits say less than the limits need, is judged by what they tell
+    (`trajopt.benchmark.logs`): the answer's `evidence`.
 
     Waypoint times are where it comes closest to each waypoint, in order. With a tolerance, a
     waypoint that no joint misses by more is moved to where the motion passes: only where the motion
@@ -201,6 +227,8 @@ def judge(
         via_tolerance: rad, of each joint: a miss that counts as passing. It must be less than half
             of any segment, or one instant might pass two waypoints.
         unit: units of a CSV's columns whose header says none, like "deg" or "deg,mm,ms".
+        noise: standard deviation of a log's positions, rad.
+        window: over which an excess of 5 % must show for a log to count as kept, s.
 
     Raises:
         InvalidInput: The motion cannot be read, has other joints than the problem, or the
@@ -215,12 +243,22 @@ def judge(
     given.check_units(asked)
     _warn_of_other_unit(asked, given)
     _check_tolerance(asked, via_tolerance)
-    trajectory = passing(asked, given.trajectory)
-    strict = Judgement(given, asked, verify(asked, trajectory), trajectory, via_tolerance)
+    told = None
+    if interpolation in AS_LOG:
+        told = evidence_of(given, asked.limits, LogOptions(noise, window))
+    at_rest = told is None or told.at_rest
+    if told is not None and told.motion is not None and at_rest:
+        times = passing(asked, told.motion).waypoint_times
+        told = through(told, asked.limits, times, asked.waypoints)
+    within = told and told.motion
+    trajectory = passing(asked, within or given.trajectory)
+    certificate = verify(asked, trajectory, at_rest=at_rest)
+    strict = Judgement(given, asked, certificate, trajectory, via_tolerance, evidence=told)
+    strict = replace(strict, evidence=_confirmed(strict, valid=True))  # of limits, not waypoints
     if strict.certificate.valid or via_tolerance == 0:
         return strict
     moved = _as_passed(asked, trajectory, via_tolerance)
-    certificate = verify(moved, trajectory)
+    certificate = verify(moved, trajectory, at_rest=at_rest)
     passed = replace(strict, problem=moved, certificate=certificate, tolerance_needed=True)
     helps = certificate.valid or (passed.without_jerk and not strict.without_jerk)
     return passed if helps else strict
@@ -291,6 +329,7 @@ def as_executed(
     joint_units: Sequence[str] = (),
     falling_velocity: Sequence[FallingVelocity | None] = (),
     accelerations: bool = True,
+    log: LogOptions | None = None,
 ) -> Execution:
     """Judge a motion, as a controller runs it, by limits alone.
 
@@ -304,12 +343,20 @@ def as_executed(
         falling_velocity: The arm's own, as a `Problem` has them.
         accelerations: Whether accelerations are judged. If not, their limits are only the scale of
             the jumps of velocity that are repaired.
+        log: How to judge a log by what its digits tell; None for a motion that is executed as it
+            stands.
 
     Raises:
         InvalidInput: It has another number of joints than the limits, or never moves.
     """
     _check_joints(motion, limits.joints)
-    trajectory = motion.trajectory
+    told = None
+    if log is not None:
+        judged = [accelerations] * limits.joints
+        told = evidence_of(motion, limits, log, judged)
+    at_rest = told is None or told.at_rest
+    within = told and told.motion
+    trajectory = within or motion.trajectory
     at_breaks = trajectory(trajectory.breaks)
     if not np.ptp(at_breaks, axis=0).any():
         right = "a motion; at its samples this one stays where it is"
@@ -326,9 +373,20 @@ def as_executed(
         falling_velocity=falling_velocity,
     )
     motion.check_units(problem)
-    _warn_of_units(problem, own(times))
-    certificate = verify(problem, own, unjudged=() if accelerations else ("acceleration",))
-    return Execution(motion, problem, certificate)
+    _warn_of_units(problem, motion.trajectory(times))
+    unjudged = () if accelerations else ("acceleration",)
+    certificate = verify(problem, own, unjudged=unjudged, at_rest=at_rest)
+    found = Execution(motion, problem, certificate, evidence=told)
+    return replace(found, evidence=_confirmed(found, valid=certificate.valid))
+
+
+def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:
+    """The evidence; a log is kept only if its motion keeps the limits that are no rates, too."""
+    told = found.evidence
+    if told is None or told.verdict != "kept":
+        return told
+    kept = found.excess is None or found.excess.kept
+    return told if kept and valid else replace(told, verdict="cannot be told")
 
 
 def _warn_of_other_unit(problem: Problem, motion: Motion) -> None:

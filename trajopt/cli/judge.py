@@ -8,17 +8,30 @@ from math import floor
 from pathlib import Path
 from typing import Annotated
 
-from trajopt.benchmark import judgement
+import numpy as np
+
+from trajopt.benchmark import judgement, logs
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.judgement import Judgement
-from trajopt.cli import asked, console
+from trajopt.benchmark.judgement import Execution, Judgement
+from trajopt.cli import asked, console, evidence_words
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.explain import sentences
-from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
-from trajopt.cli.plan import print_durations, print_smoothness, print_worst
+from trajopt.cli.parameters import (
+    Force,
+    InterpolationName,
+    Json,
+    LogOut,
+    MotionFile,
+    Noise,
+    ProblemName,
+    Window,
+    number,
+)
+from trajopt.cli.plan import check_target, print_durations, print_smoothness, print_worst
 from trajopt.formats.motion import TABLES
 from trajopt.formats.waypoints import ENDINGS
+from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views.figures import draw
 
@@ -38,6 +51,10 @@ def judge(
     via_tolerance: Annotated[
         float, number("Rad by which any joint may miss a waypoint that counts as passed.", least=0)
     ] = 0.0,
+    noise: Noise = 0.0,
+    window: Window = DEFAULT_WINDOW_S,
+    out: LogOut = None,
+    force: Force = False,
     output: Path = Path("results/judge"),
     json: Json = False,
 ) -> int:
@@ -47,7 +64,8 @@ def judge(
     .json) with --robot, --urdf or --limits. Then --unit is of the waypoints alone, and the
     motion's header or --motion-unit says the motion's.
 
-    Exit code 0: it keeps every limit and passes every waypoint; 1: it does not; 2: bad input.
+    Exit code 0: it keeps every limit and passes every waypoint; 1: it does not; 2: bad input. A log
+    that passes the waypoints is broken (1) only if that is proved, as `trajopt verify` says.
 
     Args:
         output: Folder for the figure.
@@ -56,6 +74,7 @@ def judge(
         motion_unit = motion_unit or robot.unit
         robot = replace(robot, unit=None)
     asked.check_motion_unit(motion_unit, [motion], "--motion-unit")
+    check_log_out(out, force=force)
     loaded = asked.problem(problem, robot)
     with asked.reading_motion(motion):
         found = judgement.judge(
@@ -64,6 +83,8 @@ def judge(
             interpolation=interpolation,
             via_tolerance=via_tolerance,
             unit=motion_unit,
+            noise=noise,
+            window=window,
         )
     told = found.without_jerk or found
     with console.waiting("asking the references"):
@@ -71,9 +92,11 @@ def judge(
     if told.below_optimum and told.gap is not None:
         below = f"{-100 * told.gap:.6f} % below the best known optimum"
         console.warn_of_bug(f"{told.motion.name} on {told.problem.name} is {below}")
+    code = 1 if found.broken or found.certificate.flaws else 0
     if json:
         console.print_json(found.as_dict())
-        return 0 if found.kept else 1
+        write_log_motion(out, found, quiet=True)
+        return code
     _print(found)
     if told is not found:
         console.paragraph(f"Without the jerk limits: {_mended(told.certificate)}")
@@ -86,7 +109,29 @@ def judge(
     with console.waiting("drawing the figure"):
         figure = draw.judged(found, output)
     console.line(f"figure: {figure}")
-    return 0 if found.kept else 1
+    write_log_motion(out, found)
+    return code
+
+
+def check_log_out(path: Path | None, *, force: bool) -> None:
+    """Check before the work whether a log's motion can be written."""
+    if path is not None:
+        logs.check_ending(path)
+        check_target(path, force=force)
+
+
+def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False) -> None:
+    """Write a log's motion within its digits; say so, or why there is none."""
+    if path is None:
+        return
+    motion = None if found.evidence is None else found.evidence.motion
+    if motion is None:
+        what = "no log" if found.evidence is None else "a log without a motion within its digits"
+        console.note(f"{path} is not written: {found.motion.name} is {what}")
+        return
+    logs.write(path, motion, found.motion.joint_names, found.motion.joint_units)
+    if not quiet:
+        console.line(f"{path}: the motion within the digits")
 
 
 def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
@@ -103,8 +148,12 @@ def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
 
 
 def _print(found: Judgement) -> None:
-    verdict = "feasible" if found.kept else "not feasible"
+    verdict = "feasible" if found.certificate.feasible else "not feasible"
+    if found.evidence is not None:
+        verdict = f"{evidence_words.headline(found.evidence)}; {verdict}"
     console.headline(found.motion.name, f" on {found.problem.name}: ", verdict)
+    if found.evidence is not None:
+        evidence_words.print_evidence(found.evidence, found)
     for sentence in _verdict(found):
         console.paragraph(sentence)
     times = found.trajectory.waypoint_times
@@ -117,7 +166,10 @@ def _verdict(found: Judgement) -> Iterator[str]:
     """Tell how it was executed, what is wrong with it, and what mends it."""
     certificate = found.certificate
     kind = found.motion.interpolation
-    if kind == "polynomial":
+    if found.evidence is not None and found.evidence.motion is not None:
+        yield "Judged as the motion within the digits."
+        kind = "polynomial"
+    elif kind == "polynomial":
         yield "Executed as its own polynomials."
     else:
         pieces = len(found.trajectory.lengths)
@@ -161,5 +213,7 @@ def _mended(certificate: Certificate) -> str:
 def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:
     """Say what no slow-down mends, and what may be done."""
     yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
+    if 1 < certificate.dilation < np.inf:
+        yield f"Besides, its limits need it {certificate.dilation:.6f} times as slow."
     if interpolation in _ADVICE:
         yield _ADVICE[interpolation]

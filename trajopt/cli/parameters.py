@@ -59,3 +59,15 @@ InterpolationName = Annotated[
     Interpolation,
     Parameter(help="What joins the samples; auto: what a controller does with what they have."),
 ]
+Noise = Annotated[
+    float, number("Standard deviation of the noise of a log's positions, rad (m).", least=0)
+]
+Window = Annotated[
+    float,
+    number("A log counts as kept if an excess of 5 % over so many s would show.", above=0),
+]
+LogOut = Annotated[
+    Path | None,
+    Parameter(name="--out", help="Write a log's motion within its digits: .csv or .json."),
+]
+Force = Annotated[bool, Parameter(help="Overwrite the file of --out.")]

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from trajopt.benchmark.judgement import Execution, as_executed
+from trajopt.benchmark.logs import AS_LOG, LogOptions
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import asked, console, kinds
+from trajopt.cli import asked, console, evidence_words, kinds
 from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.console import Grid
-from trajopt.cli.judge import slower, unmendable
-from trajopt.cli.parameters import InterpolationName, Json
+from trajopt.cli.judge import check_log_out, slower, unmendable, write_log_motion
+from trajopt.cli.parameters import Force, InterpolationName, Json, LogOut, Noise, Window
 from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.exceptions import InvalidInput
@@ -25,6 +26,7 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, motion
 from trajopt.formats.samples import known_as
+from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views import table_cells
 from trajopt.views.analysis.gap_reference import durations
@@ -39,6 +41,10 @@ def verify(
     *,
     robot: RobotFlags = NO_FLAGS,
     interpolation: InterpolationName = "auto",
+    noise: Noise = 0.0,
+    window: Window = DEFAULT_WINDOW_S,
+    out: LogOut = None,
+    force: Force = False,
     json: Json = False,
 ) -> int:
     """Verify every stored trajectory anew, from the file alone; or a motion within limits.
@@ -50,12 +56,17 @@ def verify(
     slower it must run, or how much faster it may. Where no joint has an acceleration limit, only
     velocities and positions are judged, and a line says so.
 
+    A log has digits and noise. Its verdict is one of three: broken (proved, exit code 1), kept as
+    far as the digits can tell, or cannot be told.
+
     Args:
         path: Results folder or results.h5; or a motion's file.
     """
     if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
-        return _verify_motion(path, robot, interpolation, json)
-    of_motion = bool(robot.said) or interpolation != "auto"
+        log = LogOptions(noise, window) if interpolation in AS_LOG else None
+        check_log_out(out, force=force)
+        return _verify_motion(path, robot, interpolation, log, out, json)
+    of_motion = bool(robot.said) or interpolation != "auto" or bool(noise) or out is not None
     with kinds.reading(path, "motion" if of_motion else "results"):
         if of_motion:
             right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
@@ -75,7 +86,14 @@ def report(found: Verification, json: bool) -> None:
     console.print_json({**told, "trials": rows})
 
 
-def _verify_motion(path: Path, robot: Robot, interpolation: Interpolation, json: bool) -> int:
+def _verify_motion(
+    path: Path,
+    robot: Robot,
+    interpolation: Interpolation,
+    log: LogOptions | None,
+    out: Path | None,
+    json: bool,
+) -> int:
     """Judge a motion as a controller runs it, by limits alone."""
     limits = {flag: value for flag, value in robot.said.items() if flag != "--unit"}
     if robot.acceleration is not None:
@@ -85,17 +103,21 @@ def _verify_motion(path: Path, robot: Robot, interpolation: Interpolation, json:
         right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
         raise InvalidInput("--limits", right)
     with kinds.reading(path, "motion"):
-        found = _executed(path, robot, interpolation)
+        found = _executed(path, robot, interpolation, log)
     if "deg" in (robot.unit or ""):
         _warn_of_radians(found)
     if json:
         console.print_json(found.as_dict())
     else:
         _print_execution(found, ", ".join(map(str, limits.values())))
-    return 0 if found.kept else 1
+    if out is not None:
+        write_log_motion(out, found, quiet=json)
+    return 1 if found.broken else 0
 
 
-def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Execution:
+def _executed(
+    path: Path, robot: Robot, interpolation: Interpolation, log: LogOptions | None
+) -> Execution:
     """Judge the motion by the limits of a file, a robot or a problem.
 
     Joints are found by their names, or in their order where the motion or the problem has none.
@@ -117,6 +139,7 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
                 problem.limits,
                 joint_units=problem.joint_units,
                 falling_velocity=problem.falling_velocity,
+                log=log,
             )
         robot = replace(robot, robot=name, limits=None)
     own = asked.robot_limits(path.name, robot)
@@ -141,7 +164,7 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
             f"{own.source}: no acceleration limits, so accelerations are not judged; "
             "--acceleration 2.0, say, is one for every joint"
         )
-    return as_executed(given.for_joints(names), limits, accelerations=judged, **described)
+    return as_executed(given.for_joints(names), limits, accelerations=judged, log=log, **described)
 
 
 def _warn_of_radians(found: Execution) -> None:
@@ -160,7 +183,18 @@ def _print_execution(found: Execution, limits: str) -> None:
     certificate = found.certificate
     if certificate.acceleration is None:
         limits += ", accelerations not judged"
+    if found.evidence is not None:
+        verdict = evidence_words.headline(found.evidence)
     console.headline(found.motion.name, f" within {limits}: ", verdict)
+    if found.evidence is not None:
+        evidence_words.print_evidence(found.evidence, found)
+        if found.evidence.motion is None:
+            return
+        console.paragraph(f"The motion within the digits, {certificate.duration:.6f} s:")
+        for sentence in () if certificate.feasible else _mended(certificate, "polynomial"):
+            console.paragraph(sentence)
+        print_worst(certificate, found.excess, found.problem)
+        return
     pieces = len(found.motion.trajectory.lengths)
     kind = found.motion.interpolation
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")

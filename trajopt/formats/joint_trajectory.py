@@ -22,7 +22,7 @@ import numpy as np
 
 from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput
-from trajopt.formats import yaml_file
+from trajopt.formats import digits, yaml_file
 from trajopt.formats.samples import Samples
 
 _WHAT = "JointTrajectory"
@@ -148,7 +148,16 @@ def from_message(message: Any) -> Samples:
         )
         raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
     tables: dict[str, Any] = {name: own for name, own in columns.items() if own}
-    return Samples(tuple(names), np.array(times), **tables)
+    read = np.array(columns["positions"])
+    known = [digits.half_digits([repr(item) for item in own.tolist()], own) for own in read.T]
+    half, decimals = zip(*known, strict=True)
+    return Samples(
+        tuple(names),
+        np.array(times),
+        **tables,
+        half_digits=np.stack(half, axis=1),
+        decimals=decimals,
+    )
 
 
 def _table(path: Path) -> Any:

@@ -68,6 +68,7 @@ class Motion:
         joint_names: One per joint, or empty if unknown.
         joint_units: "rad", or "m" for a prismatic joint; empty if unknown.
         of_message: Whether its names are a robot's own, not columns of a table by numbers.
+        samples: What was joined; None where it has none.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Motion:
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
     of_message: bool = False
+    samples: Samples | None = None
 
     def digest(self) -> str:
         """SHA-256 of the executed polynomials: 20 hexadecimal digits."""
@@ -104,7 +106,14 @@ class Motion:
         in_order = self.trajectory.coefficients[..., order]
         own = replace(self.trajectory, coefficients=in_order)
         units = tuple(self.joint_units[joint] for joint in order if self.joint_units)
-        return replace(self, trajectory=own, joint_names=tuple(joint_names), joint_units=units)
+        samples = self.samples and self.samples.for_joints(order)
+        return replace(
+            self,
+            trajectory=own,
+            joint_names=tuple(joint_names),
+            joint_units=units,
+            samples=samples,
+        )
 
     def check_units(self, problem: Problem) -> None:
         """Refuse metres for a joint that turns, and angles for one that slides.
@@ -157,7 +166,7 @@ def motion(
 def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
     trajectory = samples.trajectory(interpolation)
     kind = samples.interpolation(interpolation)
-    return Motion(name, trajectory, kind, samples.joint_names, samples.joint_units)
+    return Motion(name, trajectory, kind, samples.joint_names, samples.joint_units, samples=samples)
 
 
 def _check_nothing_to_join(interpolation: Interpolation) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from trajopt.core import interpolation as between
 from trajopt.core.arrays import Array
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.tables import check_joint_names, frozen
 from trajopt.core.trajectory import Trajectory
+
+_TABLES = ("positions", "velocities", "accelerations", "half_digits")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +27,10 @@ class Samples:
         velocities: rad/s, `(samples, joints)`, or None.
         accelerations: rad/s², `(samples, joints)`, or None.
         joint_units: "rad", or "m" for a prismatic joint; empty if unknown.
+        half_digits: Half a unit of the last digit of each position, as its text had them, rad,
+            `(samples, joints)`; None for samples that were not read from a text.
+        time_half_digit: The same of the times, s; 0 where they are on an even grid.
+        decimals: Of each joint's column, in its unit; empty without `half_digits`.
 
     Raises:
         InvalidInput: These do not fit together, are not finite, or times do not increase.
@@ -35,15 +42,29 @@ class Samples:
     velocities: Array | None = None
     accelerations: Array | None = None
     joint_units: tuple[str, ...] = ()
+    half_digits: Array | None = None
+    time_half_digit: float = 0.0
+    decimals: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
-        for name in ("times", "positions", "velocities", "accelerations"):
+        for name in ("times", *_TABLES):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, frozen(values))
         between.check(self.times, self.positions, self.velocities, self.accelerations)
         check_joint_names(self.joint_names, self.positions.shape[1])
+
+    def for_joints(self, joints: Sequence[int]) -> Samples:
+        """The samples of some joints, by index, in this order."""
+        own: dict[str, Any] = {}
+        for name in _TABLES:
+            table = getattr(self, name)
+            own[name] = None if table is None else table[:, joints]
+        for name in ("joint_names", "joint_units", "decimals"):
+            values = getattr(self, name)
+            own[name] = tuple(values[joint] for joint in joints if values)
+        return replace(self, **own)
 
     def interpolation(self, wanted: Interpolation = "auto") -> Interpolation:
         """The interpolation that is meant: for `auto`, the controller's.

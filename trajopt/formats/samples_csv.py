@@ -35,9 +35,10 @@ from types import MappingProxyType
 import numpy as np
 
 from trajopt.core import files
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput
 from trajopt.core.units import ANGLES, LENGTHS, TIMES, UNITS, asked, completed, contradicted
-from trajopt.formats import csv_file
+from trajopt.formats import csv_file, digits
 from trajopt.formats.csv_file import Table
 from trajopt.formats.samples import Samples, known_as
 
@@ -189,8 +190,11 @@ def _samples(
     chosen = [*clock, *chain(*joints.values())]
     rows: list[list[float]] = []
     elapsed = [0.0]
+    stamps: list[Decimal] = []
     start = Decimal()
+    texts: list[list[str]] = []
     read_columns = [column.index for column in chosen]
+    of_positions = [column.index for column in joints["positions"]]
     for line, cells, row in table.rows(read_columns):
         # Of times like 1.7e9 the difference keeps every digit.
         exact = Decimal(cells[time.index])
@@ -205,6 +209,8 @@ def _samples(
         else:
             start = exact
         rows.append(row[len(clock) :])
+        texts.append([cells[index] for index in of_positions])
+        stamps.append(exact)
     if len(rows) < 2:
         raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
     unit = time.unit or wanted.get("time") or _time_unit(float(start), elapsed)
@@ -221,12 +227,31 @@ def _samples(
 
     sizes = [UNITS[own] for own in chain(*units)]
     parts = np.hsplit(np.array(rows) * sizes, len(joints))
+    half, decimals = _digits(texts, np.array(rows)[:, : len(of_positions)])
     return Samples(
         joint_names=tuple(column.joint for column in joints["positions"]),
         times=np.array(elapsed) * TIMES[unit],
         joint_units=tuple("m" if own in LENGTHS else "rad" for own in units[0]),
+        half_digits=half * [UNITS[own] for own in units[0]],
+        time_half_digit=_time_half_digit(stamps) * TIMES[unit],
+        decimals=decimals,
         **dict(zip(joints, parts, strict=True)),
     )
+
+
+def _digits(texts: Sequence[Sequence[str]], positions: Array) -> tuple[Array, tuple[int, ...]]:
+    """Half a unit of the last digit of each position, and each column's decimals."""
+    columns = zip(zip(*texts, strict=True), positions.T, strict=True)
+    found = [digits.half_digits(own, values) for own, values in columns]
+    half, decimals = zip(*found, strict=True)
+    return np.stack(half, axis=1), decimals
+
+
+def _time_half_digit(stamps: Sequence[Decimal]) -> float:
+    texts = [str(stamp) for stamp in stamps]
+    last = max(map(digits.decimals, texts))
+    elapsed = [int((stamp - stamps[0]).scaleb(last)) for stamp in stamps]
+    return digits.time_half_digit(texts, np.array(stamps, dtype=float), elapsed)
 
 
 def _nanoseconds(time: _Column, columns: Sequence[_Column]) -> list[_Column]:

@@ -37,12 +37,15 @@ class Tolerance:
         position_limit: relative to the joint's largest displacement.
         jump: of velocity and acceleration at the breaks, relative to what the joint can reach:
             `min(V, sqrt(A h))` and `min(A, cbrt(J² h))`, `h` its largest displacement.
+        bridge: s. A jump that the next limit makes within this time is repaired too, whatever the
+            others say: `V` times it of position, `A` of velocity, `J` of acceleration.
     """
 
     limit: float = 1e-6
     position: float = 1e-6
     position_limit: float = 1e-8
     jump: float = 1e-6
+    bridge: float = 1e-6
 
 
 @dataclass(frozen=True)
@@ -158,14 +161,17 @@ def verify(
     tolerance: Tolerance | None = None,
     *,
     unjudged: Collection[str] = (),
+    at_rest: bool = True,
 ) -> Certificate:
     """Judge a trajectory exactly against a problem.
 
     Args:
-        problem: what is asked.
-        trajectory: the answer.
-        tolerance: of misses and jumps that are repaired.
-        unjudged: keys of limits that do not count.
+        problem: Of as many joints and waypoints as the trajectory has.
+        trajectory: The motion.
+        tolerance: The largest misses and jumps that are repaired.
+        unjudged: Keys of limits that do not count.
+        at_rest: False for a motion that was cut at its ends: these may move, and its exact peaks
+            alone are judged, without repair.
 
     Raises:
         WrongType: It is no `Trajectory`, or the first argument no `Problem`.
@@ -173,7 +179,8 @@ def verify(
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _judged(problem, trajectory, tolerance or Tolerance(), unjudged)[0]
+        found = _judged(problem, trajectory, tolerance or Tolerance(), unjudged, at_rest=at_rest)
+        return found[0]
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
@@ -211,14 +218,19 @@ def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
 
 
 def _judged(
-    problem: Problem, trajectory: Trajectory, tolerance: Tolerance, unjudged: Collection[str] = ()
+    problem: Problem,
+    trajectory: Trajectory,
+    tolerance: Tolerance,
+    unjudged: Collection[str] = (),
+    *,
+    at_rest: bool = True,
 ) -> tuple[Certificate, Trajectory]:
     """The certificate, and the trajectory that has its peaks: repaired, if that is possible."""
     allowed = _allowed(problem, trajectory.duration, tolerance)
     waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
     jumps = []
     for order, jump in enumerate(allowed.jumps):
-        jumps.append(_worst_jump(problem, trajectory, order, jump))
+        jumps.append(_worst_jump(problem, trajectory, order, jump, at_rest))
     continuity, _ = max(jumps, key=lambda jump: jump[1])
     blurred, blur = _worst_blur(trajectory, allowed.blur)
     flaws = []
@@ -230,7 +242,7 @@ def _judged(
     if blur > 1:
         flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by"))
 
-    repair = None if flaws else repaired(problem, trajectory)
+    repair = repaired(problem, trajectory) if at_rest and not flaws else None
     judged = repair or trajectory
     uses = {}
     dilation = 0.0
@@ -247,7 +259,7 @@ def _judged(
             flaws.insert(0, flaw)
         elif not np.isfinite(needed * judged.duration):
             overflowing = True
-    if repair is None and not flaws:
+    if repair is None and at_rest and not flaws:
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if overflowing:
         flaws.append("its peaks are not finite numbers")
@@ -296,11 +308,16 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
     velocity_jump = tolerance.jump * reached_velocity + rounded * A
     acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
     acceleration_jump = np.where(limits.smooth >= 2, acceleration_jump, np.inf)
+    bridge = tolerance.bridge
     return _Allowed(
         waypoint=tolerance.position * largest + coordinates,
         position_limit=tolerance.position_limit * largest + coordinates,
         blur=tolerance.position * largest + 4 * coordinates,
-        jumps=(position_jump, velocity_jump, acceleration_jump),
+        jumps=(
+            np.maximum(position_jump, bridge * V),
+            np.maximum(velocity_jump, bridge * A),
+            np.maximum(acceleration_jump, bridge * J),
+        ),
     )
 
 
@@ -312,11 +329,11 @@ def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tup
 
 
 def _worst_jump(
-    problem: Problem, trajectory: Trajectory, order: int, allowed: Array
+    problem: Problem, trajectory: Trajectory, order: int, allowed: Array, at_rest: bool
 ) -> tuple[Worst, float]:
     """The worst jump of a derivative at any break, and its size over what is allowed.
 
-    Before and after the motion the robot rests at its first and last waypoint.
+    Before and after the motion the robot rests at its first and last waypoint, if `at_rest`.
     """
     unit = trajectory.pieces(order)
     still = np.zeros((2, problem.joints))
@@ -324,6 +341,8 @@ def _worst_jump(
         still = problem.waypoints[[0, -1]]
     starts = unit[-1]
     stops = unit.sum(axis=0)
+    if not at_rest:
+        still = np.vstack([starts[:1], stops[-1:]])
     before = np.vstack([still[:1], stops])
     after = np.vstack([starts, still[1:]])
     jumps = np.abs(after - before)

@@ -1,0 +1,204 @@
+"""`verify` and `judge` of logs: three verdicts, their numbers, exit codes and files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trajopt import cli
+
+LIMITS = "joint_limits: {{q1: {{{own}}}, q2: {{{own}}}}}"
+OWN = "max_velocity: {v}, max_acceleration: {a}"
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run a command in an empty folder; return its exit code, output and errors, unfolded."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(line):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(line.split())
+        out, err = capsys.readouterr()
+        return ended.value.code, out, " ".join(err.split())
+
+    return command
+
+
+def quintic(rate, cut=0.0):
+    """q1 from 0 to 1 rad in 2 s: 0.9375 rad/s, 1.4434 rad/s²; q2 half of it, backwards."""
+    t = np.arange(round(cut * rate), round((2 - cut) * rate) + 1) / rate
+    s = t / 2
+    q = 10 * s**3 - 15 * s**4 + 6 * s**5
+    return t - t[0], np.stack([q, -q / 2], axis=1)
+
+
+def write(name, rate=500, decimals=4, unit="rad", cut=0.0):
+    t, q = quintic(rate, cut)
+    values = q if unit == "rad" else np.degrees(q)
+    lines = [f"time [s],q1 [{unit}],q2 [{unit}]"]
+    lines += [
+        f"{time!r},{a:.{decimals}f},{b:.{decimals}f}"
+        for time, (a, b) in zip(t.tolist(), values, strict=True)
+    ]
+    Path(name).write_text("\n".join(lines) + "\n")
+
+
+def limits(v=2, a=4, jerk=""):
+    Path("l.yaml").write_text(LIMITS.format(own=OWN.format(v=v, a=a) + jerk))
+
+
+@pytest.mark.parametrize(
+    ("rate", "decimals", "unit"), [(500, 4, "rad"), (100, 4, "rad"), (1000, 3, "deg")]
+)
+def test_a_motion_far_from_its_limits_is_kept_though_its_digits_look_fast(
+    run, rate, decimals, unit
+):
+    write("log.csv", rate, decimals, unit)
+    limits()
+    code, out, err = run("verify log.csv --limits l.yaml --json")
+    assert (code, err) == (0, "")
+    table = json.loads(out)
+    found = table["evidence"]
+    assert (found["verdict"], found["digits"]) == ("kept", [decimals, decimals])
+    assert table["feasible"]
+    truth = {"velocity": 0.46875, "acceleration": 0.360844}
+    for name, used in truth.items():
+        own = found[name]
+        assert used * 0.9 <= own["at_least"] <= used * (1 + 1e-6)
+        assert own["at_least"] <= own["uses"] < 1
+        assert own["window"] <= 0.1
+    half = 0.5 * 10.0**-decimals * (1 if unit == "rad" else np.pi / 180)
+    assert found["acceleration"]["digits_alone"] == pytest.approx(12 * half * rate**2 / 4)
+    assert "jerk" not in found
+
+
+def test_a_broken_log_ends_with_1_and_names_joint_limit_and_proof(run):
+    write("log.csv")
+    limits(a=1.2)
+    code, out, _ = run("verify log.csv --limits l.yaml")
+    text = " ".join(out.split())
+    assert code == 1
+    assert text.startswith("log.csv within l.yaml: broken limit at least")
+    assert "No motion within the digits keeps the limits: q1 needs at least 1.19" in text
+    assert "times its acceleration limit between" in text
+    assert "(proved). " in text
+    assert json.loads(run("verify log.csv --limits l.yaml --json")[1])["evidence"]["conviction"][
+        "at_least"
+    ] == pytest.approx(1.4434 / 1.2, rel=0.01)
+
+
+def test_a_short_window_cannot_be_told_and_the_answer_s_window_is_enough(run):
+    write("log.csv")
+    limits(jerk=", max_jerk: 40")
+    code, out, _ = run("verify log.csv --limits l.yaml --window 0.01")
+    text = " ".join(out.split())
+    assert code == 0
+    assert "log.csv within l.yaml: cannot be told from 4 decimals at 500 Hz" in text
+    window = text.partition("with --window ")[2].split()[0]
+    out = run(f"verify log.csv --limits l.yaml --window {window} --json")[1]
+    assert json.loads(out)["evidence"]["verdict"] == "kept"
+
+
+def test_a_cut_log_is_judged_and_a_line_says_so(run):
+    write("log.csv", cut=0.5)
+    limits()
+    code, out, _ = run("verify log.csv --limits l.yaml")
+    text = " ".join(out.split())
+    assert code == 0
+    assert "kept, as far as 4 decimals at 500 Hz can tell" in text
+    assert "The log is cut: no motion within it rests at both ends." in text
+    assert "No slow-down mends it" not in text
+    limits(v=0.8)
+    code, out, _ = run("verify log.csv --limits l.yaml")
+    text = " ".join(out.split())
+    assert code == 1
+    assert "q1 needs at least 1.17" in text
+    assert "Slowed down 1.17" in text
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.json"])
+def test_the_motion_is_written_and_keeps_the_limits_when_it_is_read(run, name):
+    write("log.csv")
+    limits(jerk=", max_jerk: 40")
+    code, out, _ = run(f"verify log.csv --limits l.yaml --out {name}")
+    assert code == 0
+    assert f"{name}: the motion within the digits" in out
+    code, out, _ = run(f"verify {name} --limits l.yaml --json")
+    table = json.loads(out)
+    assert (code, table["feasible"], table["evidence"]) == (0, True, None)
+    code, _, err = run(f"verify log.csv --limits l.yaml --out {name}")
+    assert code == 2
+    assert "--force to overwrite it" in err
+    assert run(f"verify log.csv --limits l.yaml --out {name} --force")[0] == 0
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(run):
+    write("log.csv")
+    limits()
+    code, _, err = run("verify log.csv --limits l.yaml --out out.xlsx")
+    assert (code, "expected a file ending in .csv or .json" in err) == (2, True)
+
+
+def test_a_said_interpolation_and_many_decimals_are_judged_as_they_stand(run):
+    write("log.csv", decimals=4)
+    limits()
+    code, out, _ = run("verify log.csv --limits l.yaml --interpolation linear --json")
+    assert (code, json.loads(out)["evidence"]) == (1, None)
+    write("log.csv", decimals=12)
+    code, out, _ = run("verify log.csv --limits l.yaml --interpolation spline --json")
+    assert (code, json.loads(out)["evidence"]) == (0, None)
+
+
+def test_noise_is_said_to_be_statistical(run):
+    write("log.csv", decimals=6)
+    limits()
+    rows = Path("log.csv").read_text().splitlines()
+    noise = np.random.default_rng(3).normal(0, 1e-4, (len(rows) - 1, 2))
+    noisy = [rows[0]]
+    for row, (a, b) in zip(rows[1:], noise, strict=True):
+        t, q1, q2 = map(float, row.split(","))
+        noisy.append(f"{t!r},{q1 + a:.6f},{q2 + b:.6f}")
+    Path("log.csv").write_text("\n".join(noisy))
+    assert run("verify log.csv --limits l.yaml")[0] == 1  # as if the noise were motion
+    code, out, _ = run("verify log.csv --limits l.yaml --noise 0.0001 --window 0.2")
+    assert code == 0
+    assert "kept, as far as" in out
+    assert "The verdict is statistical" in out
+
+
+def test_a_printed_optimum_is_judged_as_the_optimum_that_it_is(run):
+    """A bang-bang motion of 2 s at exactly its limit, with velocities, in five decimals."""
+    t = np.arange(2001) / 1000
+    q = np.where(t < 1, t**2 / 2, 1 - (2 - t) ** 2 / 2)
+    v = np.where(t < 1, t, 2 - t)
+    rows = [f"{a:.3f},{b:.5f},{c:.5f}" for a, b, c in zip(t, q, v, strict=True)]
+    Path("log.csv").write_text("time [s],j [rad],j [rad/s]\n" + "\n".join(rows))
+    problem = 'joint_names = ["j"]\nwaypoints = [[0], [0.32], [1]]\n'
+    problem += 'units = {waypoints = "rad", limits = "rad"}\n'
+    Path("p.toml").write_text(problem + "[limits]\nvelocity = [2]\nacceleration = [1]\n")
+    code, out, _ = run("judge log.csv p.toml --json")
+    table = json.loads(out)
+    assert code == 0
+    assert table["evidence"]["verdict"] == "kept"
+    assert table["certified_duration"] == pytest.approx(2, rel=1e-3)
+    assert table["waypoint_times"] == pytest.approx([0, 0.8, 2], abs=1e-3)
+    code, out, _ = run("judge log.csv p.toml --interpolation cubic --json")
+    assert code == 1
+    assert json.loads(out)["evidence"] is None
+
+
+def test_a_log_that_misses_a_waypoint_is_no_answer_to_the_problem(run):
+    write("log.csv")
+    problem = 'joint_names = ["q1", "q2"]\nwaypoints = [[0, 0], [0.5, 0.1], [1, -0.5]]\n'
+    problem += 'units = {waypoints = "rad", limits = "rad"}\n'
+    Path("p.toml").write_text(problem + "[limits]\nvelocity = [2, 2]\nacceleration = [4, 4]\n")
+    code, out, _ = run("judge log.csv p.toml")
+    text = " ".join(out.split())
+    assert code == 1
+    assert "log.csv on p: kept, as far as 4 decimals at 500 Hz can tell; not feasible" in text
+    assert "misses the waypoint by 0.28 rad" in text
+    assert "straight lines" not in text

@@ -1,0 +1,114 @@
+"""Recognise a log among motions, and judge it by what its digits tell.
+
+A table of many positions alone is a log: no controller's motion is known between them. So is a file
+with velocities whose samples are close together and whose digits are worth more than 1 % of a
+limit: there a change of the last digit changes the verdict. With eight decimals or more the motion
+is judged as it stands.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from trajopt.benchmark.store import atomic
+from trajopt.benchmark.store.document import trajectory_table
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.limits import LIMIT_ORDERS, Limits
+from trajopt.core.trajectory import Trajectory
+from trajopt.formats import samples_csv
+from trajopt.formats.motion import Motion
+from trajopt.formats.samples import Samples
+from trajopt.judging.evidence import DEFAULT_WINDOW_S, DIGITS_WORTH, Evidence, Log, evidence
+
+AS_LOG: tuple[Interpolation, ...] = ("auto", "spline")
+"""Interpolations that no controller was said to use: a log may be judged by its digits."""
+
+_MANY_DECIMALS = 8
+_LOG_SAMPLES = 20  # at least
+_LOG_STEP_S = 0.1  # at most between samples of positions alone
+_DENSE_STEP_S = 0.02  # at most between samples with velocities
+_WORTH = 0.01  # of a limit
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """How a log is judged.
+
+    Attributes:
+        noise: Standard deviation of the positions' noise, rad (m); 0 for digits alone.
+        window: Over which a mean excess of 5 % must show for a log to count as kept, s.
+    """
+
+    noise: float = 0.0
+    window: float = DEFAULT_WINDOW_S
+
+
+def evidence_of(
+    motion: Motion, limits: Limits, options: LogOptions, accelerations: Sequence[bool] = ()
+) -> Evidence | None:
+    """Return what a log tells about the limits of its joints; None for any other motion."""
+    samples = motion.samples
+    if samples is None or samples.half_digits is None or len(samples.times) < 3:
+        return None
+    if not options.noise and not _is_log(samples, limits):
+        return None
+    log = Log(
+        times=samples.times - samples.times[0],
+        positions=samples.positions,
+        half_digits=samples.half_digits,
+        time_half_digit=samples.time_half_digit,
+        decimals=samples.decimals,
+    )
+    return evidence(
+        log,
+        limits,
+        noise=options.noise,
+        window=options.window,
+        accelerations=accelerations,
+    )
+
+
+def write(path: Path, motion: Trajectory, joint_names: Sequence[str], units: Sequence[str]) -> None:
+    """Write a log's motion: its polynomials (.json), or samples that reproduce it (.csv).
+
+    A controller joins the samples with cubic pieces, which the motion consists of.
+    """
+    names = tuple(joint_names) or tuple(f"joint_{i + 1}" for i in range(motion.joints))
+    if path.suffix == ".json":
+        table = {"joint_names": list(names)} | trajectory_table(motion)
+        text = json.dumps(table, indent=1)
+        atomic.write(path, lambda file: file.write_text(text, encoding="utf-8"))
+        return
+    times = motion.breaks
+    samples = Samples(names, times, motion(times), motion(times, 1), joint_units=tuple(units))
+    atomic.write(path, lambda file: samples_csv.write(file, samples))
+
+
+def check_ending(path: Path) -> None:
+    """Refuse a file that `write` does not write, before the work."""
+    if path.suffix not in (".csv", ".json"):
+        raise InvalidInput("--out", "a file ending in .csv or .json", value=str(path))
+
+
+def _is_log(samples: Samples, limits: Limits) -> bool:
+    assert samples.half_digits is not None
+    step = float(np.median(np.diff(samples.times)))
+    few = len(samples.times) < _LOG_SAMPLES or min(samples.decimals) >= _MANY_DECIMALS
+    if few or step > _LOG_STEP_S:
+        return False
+    if samples.velocities is None:
+        return True
+    if step > _DENSE_STEP_S:
+        return False
+    half = np.median(samples.half_digits, axis=0)
+    worth = 0.0
+    for name, factor in DIGITS_WORTH.items():
+        sizes = np.abs(limits.by_name()[name]).min(axis=1)
+        worth = max(worth, float((factor * half / step ** LIMIT_ORDERS[name] / sizes).max()))
+    return worth > _WORTH

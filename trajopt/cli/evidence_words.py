@@ -1,0 +1,108 @@
+"""Print what a log tells about its limits, for `verify` and `judge`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from trajopt.benchmark.judgement import Execution
+from trajopt.cli import console
+from trajopt.judging.evidence import EXCESS, NOISE_DOUBT, Conviction, Evidence
+
+_SHOWN = f"{100 * EXCESS:g} %"
+_COLUMNS = ("at least", "motion uses", "raw spline", "digits alone", f"{_SHOWN} shows in")
+
+
+def headline(found: Evidence) -> str:
+    """The verdict, with the digits and the rate that it rests on."""
+    verdict = str(found.verdict)
+    if found.verdict == "cannot be told":
+        return f"{verdict} from {_digits(found)}"
+    return f"{verdict}, as far as {_digits(found)} can tell" if not found.conviction else verdict
+
+
+def print_evidence(found: Evidence, execution: Execution) -> None:
+    """Print the table of limits and the sentences below it."""
+    table = console.table("limit", numbers=_COLUMNS)
+    for name, told in found.limits.items():
+        uses = "-" if told.uses is None else f"{told.uses:.4f}"
+        window = f"{1e3 * told.window:.3g} ms" if np.isfinite(told.window) else "never"
+        digits = f"{told.digits_alone:.2g}"
+        if told.digits_alone >= 100:
+            digits = f"{told.digits_alone:.0f}"
+        table.row(name, f"{told.at_least:.4f}", uses, f"{told.spline:.4g}", digits, window)
+    console.OUT.print(table)
+    for sentence in _sentences(found, execution):
+        console.paragraph(sentence)
+
+
+def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
+    within = "noise" if found.noise else "digits"
+    if found.conviction is not None:
+        yield (
+            f"No motion within the {within} keeps the limits: "
+            f"{_proved(found.conviction, execution)} (proved)."
+        )
+    elif found.motion is None:
+        yield f"No motion within the {within} was found, and no proof that there is none."
+    elif execution.certificate.dilation > 1.001:
+        yield (
+            f"The best motion that was found within the {within} breaks a limit, and there is no "
+            "proof that every motion does."
+        )
+    else:
+        yield f"A motion within the {within} keeps the limits. {_hidden(found)}"
+    if found.log.time_half_digit:
+        yield (
+            f"The times are rounded: each sample may be {found.log.time_half_digit:.2g} s earlier "
+            "or later."
+        )
+    if found.noise:
+        yield (
+            f"The verdict is statistical: independent normal noise of {found.noise:g} convicts "
+            f"{NOISE_DOUBT * 100:g} % of lawful logs."
+        )
+    if found.motion is not None and not found.at_rest:
+        yield (
+            "The log is cut: no motion within it rests at both ends. Its exact peaks were judged, "
+            "without repair."
+        )
+    if execution.motion.interpolation in ("cubic", "quintic"):
+        kind = execution.motion.interpolation
+        yield f"--interpolation {kind} judges the file as a controller executes it."
+
+
+def _hidden(found: Evidence) -> str:
+    """Tell for how long an excess could have hidden."""
+    longest = max(found.limits, key=lambda name: found.limits[name].window)
+    window = found.limits[longest].window
+    if window <= found.window:
+        return f"An excess of {_SHOWN} over {found.window:g} s would have shown."
+    if not np.isfinite(window):
+        return f"But an excess of {_SHOWN} of the {longest} limit would never show."
+    return (
+        f"But an excess of {_SHOWN} of the {longest} limit could hide for {window:.3g} s: with "
+        f"--window {np.ceil(1e3 * window) / 1e3:g} it counts as kept, and more decimals tell more."
+    )
+
+
+def _proved(conviction: Conviction, execution: Execution) -> str:
+    problem = execution.problem
+    joint = problem.joint_labels[conviction.joint]
+    if conviction.limit == "position":
+        unit = problem.unit(conviction.joint)
+        excess = f"{conviction.at_least:.4g} {unit} beyond its position limits"
+        return f"{joint} is at least {excess} at {conviction.start:.6g} s"
+    limits = f"{conviction.limit} limit" if conviction.limit else "limits together"
+    return (
+        f"{joint} needs at least {conviction.at_least:.4f} times its {limits} between "
+        f"{conviction.start:.6g} and {conviction.end:.6g} s"
+    )
+
+
+def _digits(found: Evidence) -> str:
+    low, high = min(found.log.decimals), max(found.log.decimals)
+    count = f"{low}" if low == high else f"{low} to {high}"
+    rate = 1 / float(np.median(np.diff(found.log.times)))
+    return f"{count} decimal{'' if count == '1' else 's'} at {rate:.4g} Hz"

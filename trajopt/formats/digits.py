@@ -1,0 +1,87 @@
+"""How well numbers are known that were written with some digits, read from their text.
+
+A column may have a fixed number of decimals (`%.4f`, also with trailing zeros removed) or a fixed
+number of digits (`%g`, `%.4e`), whose decimals depend on the size of a number. So the decimals of
+numbers of one size count together. Sensors round too: where the numbers are whole multiples of a
+step that is coarser than the last digit, the step counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import gcd
+
+import numpy as np
+
+from trajopt.core.arrays import Array
+
+_COARSE = 4  # units of the last digit; a smaller step of a sensor does not matter
+_STEP_RTOL = 0.02  # of a step: by which multiples may differ from whole ones
+_MIN_DISTINCT = 12  # different numbers, from which a step is recognised
+_REPEATED = 0.02  # share of numbers that repeat the one before, in what a coarse sensor measures
+
+
+def decimals(text: str) -> int:
+    """Return how many decimals a number has; of 1.5e-3 it is 4, of 1e3 it is -3."""
+    mantissa, _, exponent = text.lower().partition("e")
+    fraction = mantissa.partition(".")[2]
+    return len(fraction) - int(exponent or 0)
+
+
+def half_digits(texts: Sequence[str], values: Array) -> tuple[Array, int]:
+    """Return half a unit of each number's last digit, and the decimals of most numbers.
+
+    Args:
+        texts: A column's numbers as they are written.
+        values: The same numbers, `(numbers,)`.
+    """
+    counted = _decimals(texts, values)
+    kinds, counts = np.unique(counted, return_counts=True)
+    most = int(kinds[np.argmax(counts)])
+    step = _sensor_step(values, 10.0**-most)
+    return np.maximum(0.5 * 10.0**-counted, step / 2), most
+
+
+def time_half_digit(texts: Sequence[str], values: Array, elapsed: Sequence[int]) -> float:
+    """Return half a unit of the last digit of times; 0 where all are on a coarser, even grid.
+
+    Args:
+        texts: The times as they are written.
+        values: The same times, `(times,)`.
+        elapsed: The times since the first one, in units of the last digit that any of them has.
+    """
+    steps = {later - earlier for earlier, later in pairwise(elapsed)}
+    if len(steps) == 1 or gcd(*steps) > 1:
+        return 0.0
+    return float((0.5 * 10.0 ** -_decimals(texts, values)).max())
+
+
+def _decimals(texts: Sequence[str], values: Array) -> Array:
+    """The decimals with which each number was written, before trailing zeros were removed."""
+    own = np.array([decimals(text) for text in texts], dtype=float)
+    with np.errstate(divide="ignore"):
+        sizes = np.floor(np.log10(np.abs(values)))
+    counted = np.full(len(own), own.max())
+    for size in np.unique(sizes):
+        alike = sizes == size
+        if len(np.unique(values[alike])) > 1:  # one number alone may have lost its zeros
+            counted[alike] = own[alike].max()
+    return counted
+
+
+def _sensor_step(values: Array, unit: float) -> float:
+    """The step of which all numbers are whole multiples; 0 where there is none beyond the unit."""
+    distinct = np.unique(values)
+    if len(distinct) < _MIN_DISTINCT or np.mean(np.diff(values) == 0) < _REPEATED:
+        return 0.0
+    gaps = np.diff(distinct)
+    if gaps.min() < _COARSE * unit:
+        return 0.0
+    step = float(gaps[gaps < 1.5 * gaps.min()].mean())
+    since = distinct - distinct[0]
+    for _ in range(2):  # the whole range knows the step better than two neighbours
+        multiples = np.round(since / step)
+        step = float((multiples * since).sum() / (multiples**2).sum())
+    off = np.abs(since - multiples * step).max()
+    return step if off <= unit + _STEP_RTOL * step else 0.0

@@ -1,0 +1,431 @@
+"""Does a motion within a tube of positions keep its limits? One joint, one linear program.
+
+The joint is known to be within `half` of its positions at given times. The unknown is a spline of
+degree r, the order of the highest limit, with B-spline coefficients in
+
+    min s   with   |q(t_i) − q_i| ≤ d_i,   s low_k ≤ each coefficient of q⁽ᵏ⁾ ≤ s high_k
+
+Coefficients bound a derivative, and those of the two highest ones are its values at knots. So the
+spline is a motion that uses `high` = s of its limits. The program's multipliers prove that every
+motion uses at least `low` of them (`trajopt.judging.tube_proof`). The two differ where the best
+motion switches within a piece: knots there close the gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trajopt.core.arrays import Array
+from trajopt.judging.tube_proof import Limit, Proof, bound
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+BROKEN_RTOL = 1e-9
+"""A bound above 1 + this share counts as a proof that a limit is broken."""
+
+_MAX_ITERATIONS = 90  # of the interior-point method
+_MAX_SHORT_STEPS = 3
+_GAP_RTOL = 1e-7  # of the interior-point method, relative to s
+_MAX_ROUNDS = 8  # of knots added
+_ROUNDS_RTOL = 1e-6  # gap between low and high that ends the rounds
+_NEAREST_SHARE = 0.02  # of the shortest step between samples: knots are no nearer
+_TUBE_RTOL = 1e-9  # by which a solution may leave the tube, relative to its half width
+_SUPPORT_SHARES = (0.0, 1e-8, 1e-5)  # smaller multipliers at the ends of a proof are left out
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The answer for one joint.
+
+    Attributes:
+        low: Every motion within the tube uses at least this share of the limits.
+        high: The motion uses this share; infinite where none was found.
+        degree: Of the motion: r.
+        knots, coefficients: The motion as a B-spline, rad and s.
+        proof: Of `low`; None where it is 0.
+    """
+
+    low: float
+    high: float
+    degree: int
+    knots: Array
+    coefficients: Array
+    proof: Proof | None
+
+    def spline(self) -> BSpline:
+        """The motion as SciPy's B-spline."""
+        from scipy.interpolate import BSpline
+
+        return BSpline(self.knots, self.coefficients, self.degree)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times, s, between which the proof of `low` lives."""
+        times = self.knots if self.proof is None else self.proof.times
+        return float(times[0]), float(times[-1])
+
+    @property
+    def decided(self) -> bool:
+        return self.low > 1 + BROKEN_RTOL or self.high <= 1
+
+
+def tube(
+    times: Array,
+    positions: Array,
+    half: Array,
+    limits: Sequence[Limit],
+    *,
+    rest: bool = False,
+    rounds: int = _MAX_ROUNDS,
+) -> Found:
+    """Return the smallest share of the limits that a motion within the tube uses.
+
+    Args:
+        times: Increasing, s, `(samples,)`.
+        positions: rad, `(samples,)`.
+        half: Half the tube's width, positive, rad, `(samples,)`.
+        limits: Of the derivatives of order 1 to r = 2 or 3, `(low, high)`, low < 0 < high; the
+            last is finite, the others may be infinite.
+        rest: Whether derivatives below order r are zero at both ends.
+        rounds: How often knots are added at most. The rounds end when both numbers are on the same
+            side of 1, or equal.
+    """
+    knots = _resolved(times, half, limits)
+    nearest = _NEAREST_SHARE * float(np.diff(times).min())
+    best: Found | None = None
+    for _ in range(rounds):
+        found = _solved(times, positions, half, limits, knots, rest)
+        roots = found.proof.roots if found.proof else np.zeros(0)
+        if best is not None:
+            low = max(best, found, key=lambda own: own.low)
+            high = min(best, found, key=lambda own: own.high)
+            found = replace(high, low=low.low, proof=low.proof)
+        best = found
+        place = np.clip(np.searchsorted(knots, roots), 1, len(knots) - 1)
+        apart = np.minimum(knots[place] - roots, roots - knots[place - 1])
+        new = roots[apart > nearest]
+        if found.decided or not len(new) or found.high - found.low < _ROUNDS_RTOL * found.high:
+            break
+        knots = np.union1d(knots, new)
+    assert best is not None
+    return best
+
+
+def slope(times: Array, positions: Array, half: Array, limit: Limit) -> tuple[float, float, float]:
+    """Return the smallest share of a velocity limit that a motion within the tube uses, exactly.
+
+    Returns:
+        The share, and the two times, s, whose positions prove it.
+    """
+    low, high = limit
+    share, where = 0.0, (0, len(times) - 1)
+    while True:
+        # The earlier sample that limits each later one most, upwards and downwards.
+        found = [
+            _steepest(times, positions - half, positions + half, share * high, high),
+            _steepest(times, -positions - half, -positions + half, -share * low, -low),
+        ]
+        steeper, pair = max(found)
+        if steeper <= share * (1 + 1e-12):
+            return share, float(times[where[0]]), float(times[where[1]])
+        share, where = steeper, pair
+
+
+def _steepest(
+    times: Array, lowest: Array, highest: Array, rate: float, limit: float
+) -> tuple[float, tuple[int, int]]:
+    """The rise that a rate allows least: its share of the limit, and the two samples."""
+    start = highest - rate * times
+    earlier = np.minimum.accumulate(start)
+    later = int(np.argmax(lowest[1:] - rate * times[1:] - earlier[:-1])) + 1
+    first = int(np.argmin(start[:later]))
+    rise = (lowest[later] - highest[first]) / (times[later] - times[first])
+    return float(rise / limit), (first, later)
+
+
+def _resolved(times: Array, half: Array, limits: Sequence[Limit]) -> Array:
+    """Knots at samples, no nearer than the tube can tell apart; for r = 2 perhaps between them."""
+    r = len(limits)
+    size = min(-limits[-1][0], limits[-1][1])
+    apart = float((np.median(half) / size) ** (1 / r) / 3)
+    step = float(np.median(np.diff(times)))
+    if apart < 2 * step:
+        if r == 3 or apart >= step:
+            return times
+        return np.sort(np.concatenate([times, (times[1:] + times[:-1]) / 2]))
+    kept = [times[0]]
+    for time in times[1:-1]:
+        if kept[-1] + apart <= time <= times[-1] - apart:
+            kept.append(time)
+    return np.array([*kept, times[-1]])
+
+
+def _solved(
+    times: Array,
+    positions: Array,
+    half: Array,
+    limits: Sequence[Limit],
+    breaks: Array,
+    rest: bool,
+) -> Found:
+    """Solve the program for these knots."""
+    from scipy.interpolate import BSpline
+    from scipy.sparse import csr_array, vstack
+
+    r, count = len(limits), len(times)
+    knots = np.concatenate([[breaks[0]] * r, breaks, [breaks[-1]] * r])
+    base = positions.mean()
+    local = positions - base
+    levels = _levels(knots, r)
+    blocks = [csr_array(BSpline.design_matrix(times, knots, r)) * (1 / half)[:, None]]
+    up, down = [np.zeros(count)], [np.zeros(count)]
+    used = [order for order, (_, high) in enumerate(limits) if np.isfinite(high)]
+    for order in used:
+        low, high = limits[order]
+        block = levels[order][0] * (1 / high)
+        blocks.append(block)
+        up.append(np.ones(block.shape[0]))
+        down.append(np.full(block.shape[0], -low / high))
+    matrix = vstack(blocks).tocsr()
+    column = np.arange(matrix.shape[1])
+    if rest:  # the first r coefficients are equal, and the last r
+        column = np.clip(column, r - 1, len(column) - r) - (r - 1)
+        shape = (len(column), column[-1] + 1)
+        ones = np.ones(len(column))
+        matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
+    rows = _Rows(matrix)
+    upper, lower = np.concatenate(up), np.concatenate(down)
+    limited = upper > 0
+    right = np.zeros((2, len(upper)))
+    right[:, :count] = 1 + local / half, 1 - local / half
+    # The initial guess follows the positions, and bends little.
+    x = rows.fitted(count, local / half, np.where(limited, 1e-6, 1.0))
+    x, y = _interior_point(rows, right.ravel(), np.concatenate([upper, lower]), x)
+
+    values = rows.matrix @ x
+    high = float(np.max(np.maximum(values[limited], -values[limited] / lower[limited])))
+    if not np.abs(values[:count] - local / half).max() <= 1 + _TUBE_RTOL:
+        high = np.inf  # the method stopped outside the tube
+    multipliers = y[:count] / half
+    derivatives = [(points, np.zeros(len(points))) for _, points in levels[:-1]]
+    place = count
+    for order in used[:-1]:
+        points = derivatives[order][0]
+        own = y[place : place + len(points)] / limits[order][1]
+        derivatives[order] = (points, own)
+        place += len(points)
+    whole = Proof(limits, times, local, half, multipliers, derivatives, np.zeros(0))
+    low, proof = _best_proof(whole)
+    return Found(low, high, r, knots, x[column] + base, proof)
+
+
+def _best_proof(whole: Proof) -> tuple[float, Proof | None]:
+    """The best bound of a proof or of its part with large multipliers, which rounds less."""
+    best: tuple[float, Proof | None] = (0.0, None)
+    weight = np.abs(whole.multipliers * whole.half)
+    for share in _SUPPORT_SHARES:
+        large = np.flatnonzero(weight > share * weight.max())
+        if len(large) <= len(whole.limits):
+            continue
+        part = slice(max(large[0] - 1, 0), min(large[-1] + 2, len(whole.times)))
+        times = whole.times[part]
+        derivatives = []
+        for points, values in whole.derivatives:
+            inside = (points >= times[0]) & (points <= times[-1])
+            derivatives.append((points[inside], values[inside]))
+        own = replace(
+            whole,
+            times=times,
+            positions=whole.positions[part],
+            half=whole.half[part],
+            multipliers=whole.multipliers[part],
+            derivatives=derivatives,
+        )
+        low, mended = bound(own)
+        if low > best[0]:
+            best = low, mended
+    return best
+
+
+def _levels(knots: Array, degree: int) -> list[tuple[Any, Array]]:
+    """The matrix to each derivative's coefficients, and these coefficients' Greville points."""
+    from scipy.sparse import csr_array
+
+    matrix, found = None, []
+    for order in range(1, degree + 1):
+        p = degree - order + 1
+        rows = len(knots) - degree - 1 - order
+        span = knots[order + p : -order] - knots[order : -order - p]
+        index = np.arange(rows)
+        places = np.concatenate([index, index]), np.concatenate([index, index + 1])
+        values = np.concatenate([-p / span, p / span])
+        step = csr_array((values, places), shape=(rows, rows + 1))
+        matrix = step if matrix is None else csr_array(step @ matrix)
+        own = knots[order:-order]
+        if p > 1:
+            windows = np.lib.stride_tricks.sliding_window_view(own[1:-1], p - 1)
+            points = windows.mean(axis=1)
+        else:
+            points = (own[1:] + own[:-1]) / 2
+        found.append((matrix, points))
+    return found
+
+
+class _Rows:
+    """A matrix whose rows have few neighbouring columns, and its normal matrix as a band.
+
+    Attributes:
+        matrix: M.
+        sizes: Its absolute values.
+    """
+
+    def __init__(self, matrix: Any) -> None:
+        from scipy.sparse import csr_array
+
+        self.matrix = csr_array(matrix)
+        self.matrix.sort_indices()
+        self._turned = csr_array(self.matrix.T)
+        self.sizes = abs(self.matrix)
+        count = np.diff(self.matrix.indptr)
+        self._width = int(count.max())
+        self._columns = self.matrix.shape[1]
+        first = np.minimum.reduceat(self.matrix.indices, self.matrix.indptr[:-1])
+        first = np.minimum(first, self._columns - self._width)
+        row = np.repeat(np.arange(len(count)), count)
+        dense = np.zeros((self._width, len(count)))
+        dense[self.matrix.indices - first[row], row] = self.matrix.data
+        self._order = np.argsort(first, kind="stable")
+        self._unique, self._starts = np.unique(first[self._order], return_index=True)
+        self._products = []
+        for i in range(self._width):
+            for j in range(i, self._width):
+                self._products.append((i, j, (dense[i] * dense[j])[self._order]))
+
+    def forth(self, x: Array) -> Array:
+        """`[M; −M] x`."""
+        found = self.matrix @ x
+        return np.concatenate([found, -found])
+
+    def back(self, y: Array) -> Array:
+        """`[M; −M]ᵀ y`."""
+        half = len(y) // 2
+        found: Array = self._turned @ (y[:half] - y[half:])
+        return found
+
+    def fitted(self, count: int, values: Array, weights: Array) -> Array:
+        """The x whose first rows come near to values, by weighted least squares."""
+        from scipy.linalg import cho_solve_banded, cholesky_banded
+
+        factor = (cholesky_banded(self.normal(weights), lower=True), True)
+        found: Array = cho_solve_banded(factor, self._turned[:, :count] @ values)
+        return found
+
+    def normal(self, weights: Array) -> Array:
+        """The lower band of `matrixᵀ diag(weights) matrix`."""
+        own = weights[self._order]
+        band = np.zeros((self._width, self._columns))
+        for i, j, product in self._products:
+            band[j - i, self._unique + i] += np.add.reduceat(product * own, self._starts)
+        band[0] += 1e-14 * band[0].max()
+        return band
+
+
+def _dot(left: Array, right: Array) -> float:
+    """The inner product, without BLAS: its threads cost more than they bring at these lengths."""
+    return float((left * right).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Newton:
+    """The Newton equations of one iterate, factored.
+
+    Attributes:
+        rows, u: Of the program.
+        w, y: Slacks and multipliers, the upper sides before the lower ones.
+        primal, dual, dual_s: Residuals.
+    """
+
+    rows: _Rows
+    u: Array
+    w: Array
+    y: Array
+    primal: Array
+    dual: Array
+    dual_s: float
+
+    @cached_property
+    def _factor(self) -> Any:
+        from scipy.linalg import cholesky_banded
+
+        theta = self.y / self.w
+        half = len(theta) // 2
+        return cholesky_banded(self.rows.normal(theta[:half] + theta[half:]), lower=True), True
+
+    @cached_property
+    def _border(self) -> tuple[Array, Array, float]:
+        """The column of s, that column solved, and what is left in the corner."""
+        from scipy.linalg import cho_solve_banded
+
+        theta = self.y / self.w
+        column = self.rows.back(theta * self.u)
+        solved = cho_solve_banded(self._factor, column)
+        return column, solved, _dot(column, solved) - _dot(theta, self.u**2)
+
+    def direction(self, complement: Array) -> tuple[Array, float, Array, Array]:
+        """The steps of x, s, w and y that make the products w y these."""
+        from scipy.linalg import cho_solve_banded
+
+        column, solved, corner = self._border
+        scaled = (complement - self.y * self.primal) / self.w
+        inner = cho_solve_banded(self._factor, self.dual - self.rows.back(scaled))
+        ds = (self.dual_s - _dot(self.u, scaled) - _dot(column, inner)) / corner
+        dx = inner + solved * ds
+        dw = self.primal - self.rows.forth(dx) + ds * self.u
+        return dx, ds, dw, (complement - self.y * dw) / self.w
+
+
+def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, Array]:
+    """Solve min s with `[M; −M] x − s u ≤ b` by Mehrotra's method (SIAM J. Optim. 2, 1992).
+
+    Returns:
+        x, and the multiplier of each row of M: that of its upper side minus that of its lower.
+    """
+    size = len(u)
+    limited = u > 0
+    s = 1.1 * max(1e-3, float(np.max((rows.forth(x) - b)[limited] / u[limited])))
+    w = np.maximum(b - rows.forth(x) + s * u, 0.1 * np.where(limited, s * u, 1.0))
+    y = 1.0 / w
+    y /= _dot(u, y)
+    short = 0
+    rounding = np.inf
+    for iteration in range(_MAX_ITERATIONS):
+        primal = b - rows.forth(x) + s * u - w
+        system = _Newton(rows, u, w, y, primal, -rows.back(y), 1 - _dot(u, y))
+        mu = _dot(w, y) / size
+        if iteration % 8 == 0:
+            rounding = 1e-9 + 1e-15 * float((rows.sizes @ np.abs(x)).max())
+        converged = mu * size < _GAP_RTOL * s and abs(system.dual_s) < 1e-6
+        if (converged and np.abs(primal).max() < rounding) or short > _MAX_SHORT_STEPS:
+            break
+        try:
+            _, _, dw, dy = system.direction(-w * y)
+        except np.linalg.LinAlgError:  # not positive definite, by rounding
+            break
+        affine = _dot(w + _longest(w, dw) * dw, y + _longest(y, dy) * dy) / size
+        dx, ds, dw, dy = system.direction((affine / mu) ** 3 * mu - w * y - dw * dy)
+        along, across = 0.995 * _longest(w, dw), 0.995 * _longest(y, dy)
+        short = short + 1 if max(along, across) < 0.02 else 0
+        x, s, w, y = x + along * dx, s + along * ds, w + along * dw, y + across * dy
+    return x, y[: size // 2] - y[size // 2 :]
+
+
+def _longest(values: Array, steps: Array) -> float:
+    """The longest step, at most 1, that leaves no value negative."""
+    falls = steps < 0
+    return min(1.0, float(np.min(-values[falls] / steps[falls], initial=np.inf)))

@@ -1,0 +1,192 @@
+"""Proofs that every motion within a tube uses at least some share of its limits.
+
+One joint is known to be within `d_i` of `q_i` at the times `t_i`. Its derivatives of order 1 … r
+have limits `[low_k, high_k]`. Any numbers `λ_i` of samples and `μ_kj` of the k-th derivative at
+times `x_kj`, k < r, prove a bound. Let
+
+    g(x) = −Σ_i λ_i (t_i − x)₊^(r−1) / (r−1)! − Σ_kj μ_kj (x_kj − x)₊^(r−1−k) / (r−1−k)!     (1)
+
+If no polynomial of degree below r contributes to `Σ λ_i q(t_i) + Σ μ_kj q⁽ᵏ⁾(x_kj)`, Taylor's
+formula gives, for every motion q,
+
+    −Σ λ_i q(t_i) = Σ μ_kj q⁽ᵏ⁾(x_kj) + ∫ g q⁽ʳ⁾ dx                                           (2)
+
+A motion that uses the share s of its limits makes the right side at most s times the cost
+
+    Σ max(high_k μ_kj, low_k μ_kj) + ∫ max(high_r g, low_r g) dx                              (3)
+
+and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i`. So s is at least gain / cost.
+Above 1, no motion keeps the limits. Nothing of whoever found the numbers is trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import factorial
+
+import numpy as np
+
+from trajopt.core.arrays import Array
+
+Limit = tuple[float, float]
+"""Low and high; infinite where a derivative has no limit."""
+
+_LOST_SHARE = 1e-7  # of a piece's area: a root that loses less is not worth a break
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """Numbers that prove a bound.
+
+    Attributes:
+        limits: Of the derivatives of order 1 … r; the last one is finite.
+        times: `t_i`, increasing, s, `(samples,)`.
+        positions: `q_i`, rad, `(samples,)`.
+        half: `d_i`, rad, `(samples,)`.
+        multipliers: `λ_i`, `(samples,)`.
+        derivatives: For each order below r the times `x_kj` and the numbers `μ_kj`.
+        roots: Times at which g changes its sign within a piece.
+    """
+
+    limits: Sequence[Limit]
+    times: Array
+    positions: Array
+    half: Array
+    multipliers: Array
+    derivatives: Sequence[tuple[Array, Array]]
+    roots: Array
+
+
+def proved(proof: Proof) -> Fraction:
+    """Return the bound on s in rational numbers; a polynomial's contribution is paid for too."""
+    r = len(proof.limits)
+    zero = Fraction(0)
+    t, q, d, multipliers = map(
+        _exact, (proof.times, proof.positions, proof.half, proof.multipliers)
+    )
+    limits = [_exact(limit) if np.isfinite(limit[1]) else None for limit in proof.limits]
+    low, high = _exact(proof.limits[-1])
+    # What a time adds to the derivatives r−1, r−2, … of g, from the last time to the first.
+    events: dict[Fraction, list[Fraction]] = {}
+    own = [(_exact(points), _exact(values)) for points, values in proof.derivatives]
+    for order, (points, values) in enumerate([(t, multipliers), *own]):
+        for x, value in zip(points, values, strict=True):
+            events.setdefault(x, [zero] * r)[r - 1 - order] -= value
+    for x in _exact(proof.roots):
+        if t[0] < x < t[-1]:
+            events.setdefault(x, [zero] * r)
+    g = [zero] * 3  # g and its derivatives by −x
+    cost = zero
+    times = sorted(events, reverse=True)
+    for x, before in zip(times, [*times[1:], None], strict=True):
+        for derivative, value in enumerate(events[x]):
+            g[derivative] += value
+        if before is None:
+            break
+        h = x - before
+        end = g[0] + h * g[1] + h * h * g[2] / 2
+        # A piece's integral is at most that of its Bernstein polynomial's bounds.
+        corners = (g[0], g[0] + h * g[1] / 2, end)
+        cost += h * sum(max(high * c, low * c) for c in corners) / 3
+        g = [end, g[1] + h * g[2], g[2]]
+    gain = zero
+    for multiplier, position, width in zip(multipliers, q, d, strict=True):
+        gain -= multiplier * position + abs(multiplier) * width
+    # What is left at the first time multiplies the motion's derivatives there.
+    gain -= abs(g[r - 1]) * (abs(q[0]) + d[0])
+    for order in range(1, r):
+        rest = abs(g[r - 1 - order])
+        values = own[order - 1][1]
+        limit = limits[order - 1]
+        if limit is None:
+            if rest or any(values):
+                return zero  # an unlimited derivative may make the right side any number
+            continue
+        cost += rest * max(limit[1], -limit[0])
+        cost += sum(max(limit[1] * value, limit[0] * value) for value in values)
+    return gain / cost if cost else zero
+
+
+def _exact(values: Array | Limit) -> list[Fraction]:
+    return [Fraction(float(value)) for value in values]
+
+
+def bound(proof: Proof) -> tuple[float, Proof]:
+    """Return the bound on s in floats, and the proof with its roots and mended multipliers.
+
+    The solver's multipliers let polynomials contribute a little: r of them are changed so that g
+    vanishes before the first time.
+    """
+    r = len(proof.limits)
+    multipliers = _mended(proof)
+    counts = [len(proof.times), *(len(points) for points, _ in proof.derivatives)]
+    when = np.concatenate([proof.times, *(points for points, _ in proof.derivatives)])
+    size = np.concatenate([multipliers, *(values for _, values in proof.derivatives)])
+    order = np.repeat(np.arange(r), counts)
+    latest = np.argsort(-when, kind="stable")
+    when, size, order = when[latest], size[latest], order[latest]
+    jumps = np.zeros((3, len(when)))
+    jumps[r - 1 - order, np.arange(len(when))] = -size
+    gaps = np.append(-np.diff(when), 0.0)
+    bend = np.cumsum(jumps[2])
+    slope = np.cumsum(jumps[1] + _delayed(bend * gaps))
+    value = np.cumsum(jumps[0] + _delayed(slope * gaps + bend * gaps**2 / 2))
+    cost, roots = _area(value, slope, bend / 2, gaps, when, proof.limits[-1])
+    for (low, high), (_, values) in zip(proof.limits, proof.derivatives, strict=False):
+        if values.any():
+            cost += float(np.maximum(high * values, low * values).sum())
+    gain = -float((multipliers * proof.positions + np.abs(multipliers) * proof.half).sum())
+    mended = replace(proof, multipliers=multipliers, roots=roots)
+    return (gain / cost if cost > 0 else 0.0), mended
+
+
+def _delayed(values: Array) -> Array:
+    return np.concatenate([[0.0], values[:-1]])
+
+
+def _mended(proof: Proof) -> Array:
+    """The multipliers, r of them changed so that polynomials of degree below r contribute none."""
+    r = len(proof.limits)
+    times = proof.times
+    centre, unit = times.mean(), np.ptp(times)
+    at = (times - centre) / unit
+    wrong = np.zeros(r)
+    for power in range(r):
+        wrong[power] = (proof.multipliers * at**power).sum()
+        for order, (points, values) in enumerate(proof.derivatives, start=1):
+            if power >= order:
+                factor = factorial(power) / factorial(power - order) / unit**order
+                scaled = ((points - centre) / unit) ** (power - order)
+                wrong[power] += factor * (values * scaled).sum()
+    changed = np.unique(np.linspace(0, len(times) - 1, r + 2).astype(int)[1:-1])
+    if len(changed) < r:
+        changed = np.arange(r)
+    multipliers = np.array(proof.multipliers)
+    powers = np.vander(at[changed], r, increasing=True).T
+    multipliers[changed] -= np.linalg.solve(powers, wrong)
+    return multipliers
+
+
+def _area(
+    c: Array, b: Array, a: Array, gaps: Array, when: Array, limit: Limit
+) -> tuple[float, Array]:
+    """Integrate max(high g, low g) over pieces g = c + b x + a x², `x` from 0 to its gap.
+
+    Returns:
+        The integral, and the times of the roots within pieces.
+    """
+    low, high = limit
+    with np.errstate(all="ignore"):
+        root = np.sqrt(np.maximum(b * b - 4 * a * c, 0.0))
+        stable = -(b + np.where(b >= 0, root, -root)) / 2
+        roots = np.stack([stable / a, c / stable])
+    roots = np.nan_to_num(roots, nan=0.0, posinf=0.0, neginf=0.0)
+    cuts = np.sort(np.clip(roots, 0, gaps), axis=0)
+    edges = np.vstack([np.zeros_like(gaps), cuts, gaps])
+    parts = np.diff(((a / 3 * edges + b / 2) * edges + c) * edges, axis=0)
+    area = float(np.maximum(high * parts, low * parts).sum())
+    lost = np.minimum(np.maximum(parts, 0).sum(axis=0), np.maximum(-parts, 0).sum(axis=0))
+    inside = (cuts > 0) & (cuts < gaps) & (lost > _LOST_SHARE * np.abs(parts).sum())
+    return area, (when - cuts)[inside]
