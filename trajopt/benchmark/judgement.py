@@ -409,7 +409,7 @@ def _warn_of_units(problem: Problem, positions: Array) -> None:
     Joint by joint: a `!degrees` may be lost in one line of a joint_limits.yaml. The positions are
     those of the motion, which may be far outside the limits.
     """
-    for joint in np.flatnonzero(problem.moving).tolist():
+    for joint in np.flatnonzero(np.ptp(positions, axis=0)).tolist():
         velocity = problem.limits.velocity[[joint]]
         # an acceleration of its own may be right: the velocity alone decides
         mixed = mixed_units(positions[:, [joint]], velocity, acceleration=velocity)

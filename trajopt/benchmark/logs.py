@@ -99,7 +99,9 @@ def check_ending(path: Path) -> None:
 def _is_log(samples: Samples, limits: Limits) -> bool:
     assert samples.half_digits is not None
     step = float(np.median(np.diff(samples.times)))
-    few = len(samples.times) < _LOG_SAMPLES or min(samples.decimals) >= _MANY_DECIMALS
+    moving = np.ptp(samples.positions, axis=0) > 0  # a constant says nothing of the digits
+    decimals = np.array(samples.decimals)[moving]
+    few = len(samples.times) < _LOG_SAMPLES or (decimals >= _MANY_DECIMALS).all()
     if few or step > _LOG_STEP_S:
         return False
     if samples.velocities is None:
