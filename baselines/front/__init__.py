@@ -1,0 +1,12 @@
+"""The front of duration and smoothness (docs/mathematics.md, section 12).
+
+    from baselines.front.planner import Smooth
+    solution = Smooth(duration=2.0).solve(problem)
+    print(solution.stats["value"])
+
+In reading order:
+
+- `planner.py`: the registered planner `smooth`;
+- `least.py`: the smoothest motion of a duration, the shortest of a smoothness, all limits kept;
+- `spline_program.py`: the program that IPOPT solves.
+"""

@@ -1,0 +1,372 @@
+"""The smoothest motion of a duration, and the shortest motion of a smoothness, all limits kept.
+
+For given segment times it is one spline per joint (docs/mathematics.md, section 12): quintic for
+the least ∫ jerk², cubic for the least ∫ acceleration². Without active limits its only nodes are the
+waypoints. Where limits act, pieces are halved until that gains nothing more. Segment times are free
+in the same program. It is not convex in them: the answer is the best local optimum of a few starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from baselines.front.spline_program import (
+    Layout,
+    between_nodes,
+    hermite,
+    integrated,
+    spline_program,
+    squared,
+)
+from baselines.ipopt import flat, unflat
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.smoothness import smoothness, weights
+from trajopt.judging.verification import verify
+from trajopt.planners.rest_to_rest import stop_times
+
+Measure = Literal["jerk", "acceleration"]
+
+# Pieces of each segment where limits act, at first; the next number where all starts fail.
+_START_PIECES = (6, 12, 24)
+_MAX_LEVELS = 7
+_MAX_PIECES = 400
+# Relative gain of a halving below which the pieces are fine enough.
+_GAIN_RTOL = 1e-4
+# Bernstein coefficients so close to their limit, relative to it, are at the limit.
+_ACTIVE_RTOL = 1e-4
+# Limits are kept with so much slack, relative: IPOPT's own tolerance.
+_SLACK_RTOL = 1e-9
+# Shortest segment, relative to equal ones.
+_SHORTEST_SHARE = 1e-4
+
+
+class Spline(NamedTuple):
+    """A spline without units.
+
+    Attributes:
+        pieces: Of each segment.
+        shares: Of each piece in its segment, `(pieces,)`.
+        times: Of the segments, `(segments,)`.
+        states: Position, velocity (and acceleration) at the nodes, `(nodes, joints)` each.
+    """
+
+    pieces: tuple[int, ...]
+    shares: Array
+    times: Array
+    states: list[Array]
+
+    @property
+    def lengths(self) -> Array:
+        """Of the pieces, `(pieces,)`."""
+        return np.repeat(self.times, self.pieces) * self.shares
+
+    @property
+    def coefficients(self) -> list[list[Array]]:
+        """Bernstein coefficients of position, velocity, acceleration and jerk."""
+        lengths = self.lengths[:, None]
+        acceleration = hermite(self.states, lengths)
+        q, v = self.states[:2]
+        return integrated(q[:-1], v[:-1], acceleration, lengths)
+
+
+@dataclass(frozen=True, eq=False)
+class Least:
+    """A point of the front.
+
+    Attributes:
+        trajectory: Keeps every limit.
+        duration: s.
+        value: The integral of `measure`, as `trajopt.judging.smoothness` has it.
+        limits_act: Whether a limit is active; if not, a dilation is the answer of another duration.
+    """
+
+    trajectory: Trajectory
+    duration: float
+    value: float
+    limits_act: bool
+
+
+def least(
+    problem: Problem, measure: Measure, duration: float, start: Trajectory | None = None
+) -> Least | None:
+    """Return the smoothest motion of this duration, s; None if none is found.
+
+    Args:
+        problem: All its limits are kept.
+        measure: Whose square is integrated.
+        duration: s.
+        start: A motion through the waypoints to start from too, of any duration.
+    """
+    return _Task(problem, measure, duration).solve(None, start)
+
+
+def shortest(
+    problem: Problem,
+    measure: Measure,
+    budget: float,
+    start: Trajectory | None = None,
+) -> Least | None:
+    """Return the shortest motion whose integral is at most the budget; None if none is found."""
+    unit_time = float(stop_times(problem).sum())
+    free = _Task(problem, measure, unit_time).free()
+    if free is None:
+        return None
+    power = 5 if measure == "jerk" else 3
+    duration = unit_time * (free.value / budget) ** (1 / power)
+    return _Task(problem, measure, duration).solve(budget, start)
+
+
+class _Task:
+    """A problem without units: of time the mean segment's, of length each joint's largest one."""
+
+    def __init__(self, problem: Problem, measure: Measure, duration: float) -> None:
+        self.problem = problem
+        self.measure = measure
+        self.moving = problem.moving
+        self.duration = duration
+        self.order = 3 if measure == "jerk" else 2
+        self.quintic = measure == "jerk" or problem.has("jerk")
+        self.unit = duration / problem.segments
+        self.scale = problem.largest_displacements[self.moving]
+        self.origin = problem.waypoints[0, self.moving]
+        self.q = (problem.waypoints[:, self.moving] - self.origin) / self.scale
+        limits = problem.limits.by_name()
+        self.limits = {0: self._limits(limits["position"] - problem.waypoints[0][:, None], 0)}
+        for order, name in enumerate(("velocity", "acceleration", "jerk"), start=1):
+            pairs = limits[name] * (1 - _SLACK_RTOL)
+            self.limits[order] = self._limits(pairs, order)
+        own = weights(problem)[self.moving] * self.scale**2
+        self.integral_unit = float(own.max()) / self.unit ** (2 * self.order - 1)
+        self.weights = own / own.max()
+
+    def _limits(self, pairs: Array, order: int) -> Array:
+        """Limits of the moving joints without units, `(2, joints)`."""
+        return (pairs[self.moving] * self.unit**order / self.scale[:, None]).T
+
+    # --- splines ---
+
+    def resting(self, times: Array) -> Spline:
+        """Rest at every waypoint, a piece a segment."""
+        nodes = self.q.shape
+        states = [self.q, *(np.zeros(nodes) for _ in range(2 if self.quintic else 1))]
+        count = len(times)
+        return Spline((1,) * count, np.ones(count), times, states)
+
+    def trajectory(self, spline: Spline) -> Trajectory:
+        """The motion in the problem's units; its duration is exact where it is given."""
+        lengths = spline.lengths * self.unit
+        breaks = np.append(0.0, np.cumsum(lengths))
+        factors = [self.scale / self.unit**order for order in range(len(spline.states))]
+        rates = [state * factor for state, factor in zip(spline.states, factors, strict=True)]
+        rates[0] = rates[0] + self.origin
+        passed = np.append(0, np.cumsum(spline.pieces))
+        rates[0][passed] = self.problem.waypoints[:, self.moving]
+        own = Trajectory.from_samples(breaks, *rates, waypoint_times=breaks[passed])
+        return own.beside(self.problem.waypoints[0], self.moving)
+
+    def sampled(self, motion: Trajectory, pieces: tuple[int, ...], shares: Array) -> Spline:
+        """The spline through a motion's states at the nodes."""
+        passed = motion.waypoint_times
+        lengths = np.repeat(np.diff(passed), pieces) * shares
+        nodes = np.append(0.0, np.cumsum(lengths))
+        unit = motion.duration / self.problem.segments
+        states = []
+        for order in range(3 if self.quintic else 2):
+            rate = motion(nodes, order)[:, self.moving] - self.origin * (order == 0)
+            states.append(rate * unit**order / self.scale)
+        return Spline(pieces, shares, np.diff(passed) / unit, states)
+
+    def value(self, spline: Spline) -> float:
+        """The integral, without units."""
+        coefficients = spline.coefficients[self.order]
+        return float((squared(coefficients, spline.lengths[:, None]) * self.weights).sum())
+
+    # --- search ---
+
+    def solve(self, budget: float | None, start: Trajectory | None) -> Least | None:
+        """Without limits first; with all of them, on finer and finer pieces, if it breaks one."""
+        free = self.free()
+        if free is not None and not free.limits_act:
+            return free
+        for pieces in _START_PIECES:
+            for spline in self._starts(pieces, free, start):
+                found = self._refined(spline, budget)
+                if found is not None:
+                    return found
+        return None
+
+    def free(self) -> Least | None:
+        """The smoothest motion without limits; `limits_act` says that it breaks one."""
+        found = []
+        for times in self._shares():
+            spline = self._solved(self.resting(times), (), None, warm=False)
+            if spline is not None:
+                found.append(spline)
+        if not found:
+            return None
+        best = self.trajectory(min(found, key=self.value))
+        certificate = verify(self.problem, best)
+        return self._point(best, limits_act=not certificate.valid or certificate.dilation > 1)
+
+    def _shares(self) -> Iterator[Array]:
+        """Segment times to start from: about as long as the ways, and more equal ones."""
+        count = self.problem.segments
+        if count == 1:
+            yield np.ones(1)
+            return
+        ways = np.abs(np.diff(self.q, axis=0)).max(axis=1)
+        for power in (0.3, 0.7):
+            times = ways**power
+            yield count * times / times.sum()
+
+    def _starts(self, count: int, free: Least | None, start: Trajectory | None) -> Iterator[Spline]:
+        pieces = (count,) * self.problem.segments
+        shares = np.full(sum(pieces), 1 / count)
+        if free is not None:
+            yield self.sampled(free.trajectory, pieces, shares)
+        if start is not None:
+            yield self.sampled(start, pieces, shares)
+        times = stop_times(self.problem) / self.unit
+        resting = self.resting(times * len(times) / times.sum())
+        yield self.sampled(self.trajectory(resting), pieces, shares)
+
+    def _refined(self, start: Spline, budget: float | None) -> Least | None:
+        """Halve the pieces where limits begin and end to act, until that gains nothing more."""
+        orders = tuple(order for order in range(4) if np.isfinite(self.limits[order]).any())
+        spline = self._solved(start, orders, budget, warm=False)
+        if spline is None:
+            return None
+        goal = self._goal(spline, budget)
+        for _ in range(_MAX_LEVELS):
+            halved = self._halved(spline, orders)
+            if halved is None:
+                break
+            finer = self._solved(halved, orders, budget, warm=True)
+            if finer is None:
+                finer = self._solved(halved, orders, budget, warm=False)
+            if finer is None:
+                break
+            reached = self._goal(finer, budget)
+            gain = 1 - reached / goal
+            if gain > 0:
+                spline, goal = finer, reached
+            if gain < _GAIN_RTOL:
+                break
+        return self._point(self.trajectory(spline), limits_act=True)
+
+    def _goal(self, spline: Spline, budget: float | None) -> float:
+        """What is minimised; a duration counts as the integral that it saves."""
+        if budget is None:
+            return self.value(spline)
+        return float(spline.times.sum() ** (2 * self.order - 1))
+
+    def _point(self, trajectory: Trajectory, *, limits_act: bool) -> Least:
+        found = smoothness(self.problem, trajectory)
+        value = found.jerk_integral if self.order == 3 else found.acceleration_integral
+        return Least(trajectory, trajectory.duration, value, limits_act)
+
+    def _solved(
+        self, start: Spline, orders: tuple[int, ...], budget: float | None, *, warm: bool
+    ) -> Spline | None:
+        """IPOPT's local optimum on the pieces of `start`."""
+        count = len(self.q) - 1
+        joints = len(self.scale)
+        layout = Layout(
+            start.pieces, joints, self.order, self.quintic, orders, budget is not None, warm
+        )
+        size = self.value(start)
+        scaled = self.weights / size
+        bound = float(count)
+        if budget is not None:
+            bound = budget / self.integral_unit / size
+        variables = [table.shape for table in self._variables(start)]
+        bounds = self._bounds(start, variables, orders)
+        low, high = self._constraint_bounds(start, orders)
+        lowest, highest = (-np.inf, 0.0) if budget is not None else (0.0, 0.0)
+        run = spline_program(layout)(
+            flat(start.times, *self._variables(start)),
+            flat(start.shares, scaled, np.array([bound])),
+            bounds,
+            (np.append(low, lowest), np.append(high, highest)),
+        )
+        if not run.success:
+            return None
+        times, *found = unflat(run.x, [(count,), *variables])
+        states = found[: len(start.states)]
+        if budget is None:
+            times = times * count / times.sum()
+        return start._replace(times=times, states=states)
+
+    def _variables(self, spline: Spline) -> list[Array]:
+        """The states of a spline as the program has them."""
+        acceleration = hermite(spline.states, spline.lengths[:, None])
+        return [*spline.states, *(acceleration[1:-1] if self.quintic else acceleration)]
+
+    def _bounds(
+        self, spline: Spline, shapes: list[tuple[int, ...]], orders: tuple[int, ...]
+    ) -> tuple[Array, Array]:
+        """Lowest and highest times and variables; waypoints and the ends' states are fixed."""
+        passed = np.append(0, np.cumsum(spline.pieces))
+        sides = []
+        for side, infinite in enumerate((-np.inf, np.inf)):
+            tables = [np.full(shape, infinite) for shape in shapes]
+            for order, table in enumerate(tables):
+                own = min(order, 2)
+                if own in orders:
+                    table[:] = self.limits[own][side]
+            tables[0][passed] = self.q
+            for table in tables[1 : len(spline.states)]:
+                table[[0, -1]] = 0.0
+            times = np.full(len(spline.times), infinite if side else _SHORTEST_SHARE)
+            sides.append(flat(times, *tables))
+        return sides[0], sides[1]
+
+    def _constraint_bounds(self, spline: Spline, orders: tuple[int, ...]) -> tuple[Array, Array]:
+        rows = np.zeros((sum(spline.pieces), len(self.scale)))
+        found = spline.coefficients
+        links = [np.zeros(2 * rows.size)]
+        low, high = list(links), list(links)
+        for order in orders:
+            count = len(between_nodes(found, order))
+            for side, tables in enumerate((low, high)):
+                tables.append(np.tile(flat(rows + self.limits[order][side]), count))
+        return np.concatenate(low), np.concatenate(high)
+
+    # --- pieces ---
+
+    def _halved(self, spline: Spline, orders: tuple[int, ...]) -> Spline | None:
+        """Halve pieces in which a limit is active in part, and those beside them."""
+        chosen = self._mixed(spline, orders)
+        segment = np.repeat(np.arange(len(spline.pieces)), spline.pieces)
+        if not chosen.any() or len(chosen) + chosen.sum() > _MAX_PIECES:
+            return None
+        repeats = np.where(chosen, 2, 1)
+        shares = np.repeat(spline.shares / repeats, repeats)
+        pieces: Indices = np.bincount(np.repeat(segment, repeats))
+        return self.sampled(self.trajectory(spline), tuple(pieces.tolist()), shares)
+
+    def _mixed(self, spline: Spline, orders: tuple[int, ...]) -> Bools:
+        """Pieces with coefficients at a limit, unless all of them are, beside others like it."""
+        found = spline.coefficients
+        chosen = np.zeros(sum(spline.pieces), dtype=bool)
+        for order in orders:
+            low, high = self.limits[order]
+            # a node's own value belongs to both of its pieces
+            table = np.array(found[order])
+            for limit in (low, high):
+                size = np.abs(np.where(np.isfinite(limit), limit, 0.0))
+                near = np.abs(table - limit) <= _ACTIVE_RTOL * size
+                some = near.any(axis=0)
+                whole = near.all(axis=0)
+                part = (some & ~whole).any(axis=1)
+                chosen |= part
+        beside = chosen.copy()
+        beside[1:] |= chosen[:-1]
+        beside[:-1] |= chosen[1:]
+        return chosen
