@@ -196,11 +196,12 @@ def test_a_positions_only_log_of_a_jerk_limited_arm_gets_its_slow_down(run):
     rows += [
         ",".join(map(repr, [t, *q])) for t, q in zip(times.tolist(), table.tolist(), strict=True)
     ]
-    line = "verify khz.csv --robot franka-fr3 --interpolation spline"
+    line = "verify khz.csv --robot franka-fr3 --interpolation spline --json"
     code, out, _ = run(line, khz__csv="\n".join(rows))
     slower = 1.875 * np.pi / 2 / 2.62  # the quintic's peak over the limit
     assert code == 1
-    assert f"Slowed down {slower:.6f} times, to {slower:.6f} s" in " ".join(out.split())
+    assert json.loads(out)["evidence"] is None  # with 17 digits the spline is right
+    assert json.loads(out)["certified_duration"] == pytest.approx(slower, rel=2e-6)
 
 
 def test_a_larger_jump_is_no_motion_and_the_slow_down_is_said_beside_it(run):
