@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from baselines.exact import brief_steps
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
 from baselines.exact.cells import Cells, with_rest
@@ -64,6 +65,11 @@ class Exact(SeveralStarts):
         `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
         self.announce("exact", problem)
+        known = problem.without(*self.unknown(problem))
+        return brief_steps.solved(problem, known, self._solved)
+
+    def _solved(self, problem: Problem) -> Solution:
+        """The answer for waypoints that are all exact."""
         scaled = Passing(problem)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from baselines.exact import one_sided_jerk
+from baselines.exact import brief_steps, one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.interior_point import begun, chosen, converged, descended
 from baselines.exact.jerk_cells import Cells, Rows
@@ -71,10 +71,15 @@ class ExactJerk(SeveralStarts):
         if not problem.limits.jerk_limited[problem.moving].any():
             jerkless = problem.without("jerk")
             return Exact(self.starts, self.agreeing, self.solver).solve(jerkless)
+        self.announce("exact-jerk", problem)
+        known = problem.without(*self.unknown(problem))
+        return brief_steps.solved(problem, known, self._solved)
+
+    def _solved(self, problem: Problem) -> Solution:
+        """The answer for waypoints that are all exact."""
         # late: planners that are only listed need none of it
         from baselines.exact.jerk_motion import Reachable
 
-        self.announce("exact-jerk", problem)
         scaled = Reachable(problem)
         solve: Callable[[Sequence[Array]], list[Optimum]] = partial(_minimised, scaled)
         if self.solver == "ipopt":

@@ -33,15 +33,14 @@ from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.limits import LIMIT_ORDERS
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared
-from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
+from trajopt.core.trajectory import Trajectory, nearest
+from trajopt.judging.passing import misses
 
 # Share of every limit. A correction that uses less is left out; all of them together change the
 # certified duration by no more than this.
 NEGLIGIBLE_USE = 1e-12
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 MAX_ATTEMPTS = 8  # to miss waypoints by no more than rounding; then the motion is to meet them all
-# Times the duration: rounding of the time at which a waypoint is passed.
-PASSING_RTOL = 4 * BREAK_RTOL
 # Times its neighbours' durations: a segment that takes less is brief beside them.
 BRIEF_RTOL = 1e-3
 
@@ -82,7 +81,7 @@ def _without_spared(problem: Problem, trajectory: Trajectory) -> Trajectory | No
         motion = _repaired(problem, trajectory, ~missed)
         if motion is None or not missed.any():
             return motion
-        passes = _passes(problem, motion)
+        passes = misses(problem, motion) <= 1
         if passes[missed].all():
             return motion
         missed &= passes
@@ -105,23 +104,6 @@ def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajector
         if corrected is rebased:
             break
     return motion
-
-
-def _passes(problem: Problem, motion: Trajectory) -> Bools:
-    """Return which waypoints the motion misses by no more than their rounding, `(waypoints,)`.
-
-    The time at which it comes nearest differs from the stated one by rounding.
-    """
-    times = motion.waypoint_times
-    rounding = np.maximum(problem.rounding, np.finfo(float).tiny)
-    away = (motion(times) - problem.waypoints) / rounding
-    velocity = motion(times, 1) / rounding
-    speed = np.square(velocity).sum(axis=1)
-    along = (away * velocity).sum(axis=1)
-    late = along / np.where(speed > 0, speed, np.inf)
-    slack = PASSING_RTOL * motion.duration
-    missed = away - np.clip(late, -slack, slack)[:, None] * velocity
-    return np.asarray((np.abs(missed) <= 1).all(axis=1))
 
 
 def _placed(layout: _Layout, coefficients: Array) -> Trajectory:

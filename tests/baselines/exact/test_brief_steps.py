@@ -1,0 +1,75 @@
+"""Tiny steps in line on a straight way: the optimum is that of the way, in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration import Exact
+from baselines.exact.jerk import ExactJerk
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
+from trajopt.judging.verification import verify
+from trajopt.planners.rest_to_rest import end_to_end_bound
+
+SCALES = np.array([1.0, 0.7, -0.4])  # of the joints
+
+
+def straight(first, steps, joints, stiffness, **limits):
+    """From 0 to 1 rad in the first joint, with tiny steps from `first` on."""
+    ways = np.concatenate([[0.0], np.cumsum(steps)])
+    line = np.concatenate([[0.0], first + ways, [1.0]])
+    ones = np.ones(joints)
+    jerk = None if stiffness is None else stiffness * ones
+    return Problem(line[:, None] * SCALES[:joints], Limits(2 * ones, ones, jerk=jerk, **limits))
+
+
+def certified(planner, problem):
+    return verify(problem, planner.solve(problem).trajectory).certified_duration
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-5, 1e-6, 1e-8])
+@pytest.mark.parametrize(
+    ("joints", "stiffness", "count", "first"),
+    [
+        (1, 1.0, 2, 0.5),
+        (3, 10.0, 8, 1 / 3),
+        (2, 100.0, 1, 0.5),
+        (1, 1.0, 4, 0.0),
+        (2, None, 8, 0.5),
+    ],
+)
+def test_tiny_steps_cost_nothing(size, joints, stiffness, count, first):
+    planner = Exact() if stiffness is None else ExactJerk()
+    problem = straight(first or size, np.full(count, size), joints, stiffness)
+    best = end_to_end_bound(problem)
+    assert best * (1 - 1e-9) <= certified(planner, problem) <= best * (1 + 1e-6)
+
+
+def test_the_case_of_the_two_steps_of_a_millionth():
+    """Once 5.215 s, 30 % above the optimum of 4 s."""
+    limits = Limits([2.0], [1.0], jerk=[1.0])
+    problem = Problem([[-1.0], [-1e-6], [0.0], [1e-6], [1.0]], limits)
+    assert certified(ExactJerk(), problem) == pytest.approx(4.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [3.0, 10.0])
+def test_steps_that_shrink_and_grow_geometrically(ratio):
+    sizes = 0.1 / ratio ** np.arange(1, 10)
+    steps = np.concatenate([sizes, sizes[::-1]])
+    problem = straight((1 - steps.sum()) / 2, steps, 2, 3.0)
+    best = end_to_end_bound(problem)
+    assert certified(ExactJerk(), problem) == pytest.approx(best, rel=1e-6)
+
+
+def test_position_limits_and_limits_of_one_side_change_nothing():
+    walls = [[0.0, 1.0], [0.0, 0.7]]
+    problem = straight(0.5, np.full(3, 1e-7), 2, 1.0, position=walls)
+    solution = ExactJerk().solve(problem)
+    assert verify(problem, solution.trajectory).certified_duration == pytest.approx(
+        end_to_end_bound(problem.without("position")), rel=1e-6
+    )
+    one_sided = Limits([2.0], [[-1.0, 3.0]], jerk=[[-2.0, 1.0]])
+    clear = ExactJerk().solve(Problem([[0.0], [1.0]], one_sided)).trajectory.duration
+    dense = Problem([[0.0], [0.5], [0.5 + 1e-6], [0.5 + 2e-6], [1.0]], one_sided)
+    assert certified(ExactJerk(), dense) == pytest.approx(clear, rel=1e-6)
