@@ -24,6 +24,7 @@ from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows,
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
+from trajopt.core.resolution import thinned
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
@@ -153,7 +154,8 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
     """Return the lower bound that a proof proves, s: no motion within all limits is shorter.
 
     Args:
-        problem: Consecutive identical waypoints count once.
+        problem: Consecutive identical waypoints count once, and those that rounding may miss
+            (`trajopt.core.resolution`) not at all.
         proof: Any proof, honest or not.
 
     Raises:
@@ -164,7 +166,7 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
     try:
         # an operation that raises no flag is exact, or rounds its last digit
         with np.errstate(all="raise"):
-            relaxation = relaxation_of(merged, proof)
+            relaxation = relaxation_of(thinned(merged), proof)
             rows = _proof_rows(relaxation, proof)
             lowest = _walked(relaxation, rows, proof)
     except ArithmeticError as error:

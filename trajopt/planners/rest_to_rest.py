@@ -12,6 +12,7 @@ import numpy as np
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
+from trajopt.core.resolution import thinned
 
 # More than the closed forms can round.
 _ROUNDING_RTOL = 1e-12
@@ -33,13 +34,15 @@ def end_to_end_bound(problem: Problem) -> float:
 
     The longer of two relaxations: every joint alone, straight from the first to the last waypoint
     (the optimum itself where there are two waypoints and jerk limits are symmetric); and every
-    segment at full velocity. Position limits are lifted.
+    segment at full velocity. Position limits are lifted, and waypoints that rounding may miss are
+    left out.
     """
     way = problem.waypoints[-1] - problem.waypoints[0]
     straight = _alone(way[None], problem.limits, _wider)
     # |h|/V, each joint in the direction of its displacement
     backward, forward = problem.limits.velocity.T
-    h = problem.displacements
+    merged, _ = problem.merged()
+    h = thinned(merged).displacements
     top = np.where(h >= 0, forward, -backward)
     cruising = np.abs(h) / top
     longest = cruising.max(axis=1)

@@ -15,6 +15,7 @@ RAISE, LOWER, BRANCH, LEAF = range(4)
 LIMITS = ("velocity", "acceleration", "jerk", "position")
 DIGITS = 2**128
 SAME = Fraction(1, 2**48)  # rounding, relative to a joint's largest coordinate
+BRIEF, IN_LINE = 60 * 10**5, Fraction(1, 100)  # docs/mathematics/verification.md, (7.1)
 NONE, HALF, THIRD = Fraction(0), Fraction(1, 2), Fraction(1, 3)
 
 
@@ -71,6 +72,31 @@ def separate(points):  # leave out points that equal the last one but for roundi
     return kept
 
 
+def exact(points):  # leave out points between brief steps in line: rounding may miss them
+    columns = list(zip(*points, strict=True))
+    steps = [[y - x for x, y in zip(a, b, strict=True)] for a, b in pairwise(points)]
+    largest = [max(map(abs, column)) for column in zip(*steps, strict=True)]
+    largest = [size or max(largest) for size in largest]
+    rounding = [SAME * max(map(abs, column)) for column in columns]
+    units = [max(size, max(largest) / 1000) for size in largest]
+    joints = range(len(columns))
+    scaled = [[step[j] / units[j] for j in joints] for step in steps]
+    sizes = [max(map(abs, step)) for step in scaled]
+
+    def brief(k):
+        cubes = (BRIEF * rounding[j] * largest[j] ** 2 for j in joints)
+        return all(abs(h) ** 3 <= cube for h, cube in zip(steps[k], cubes, strict=True))
+
+    def in_line(k):
+        blur = 1 / sizes[k - 1] + 1 / sizes[k]
+        turned = [abs(scaled[k - 1][j] / sizes[k - 1] - scaled[k][j] / sizes[k]) for j in joints]
+        return all(turned[j] <= IN_LINE + blur * rounding[j] / units[j] for j in joints)
+
+    inner = range(1, len(steps))
+    spared = {k for k in inner if brief(k - 1) and brief(k) and in_line(k)}
+    return [point for k, point in enumerate(points) if k not in spared]
+
+
 # --- the problem ---
 
 said = json.load(
@@ -82,7 +108,7 @@ said = json.load(
 )
 claimed, stats = said["solution"]["lower_bound"], said["solution"]["stats"]
 proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.items()}
-points = separate(said["problem"]["waypoints"])
+points = exact(separate(said["problem"]["waypoints"]))
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
 if digest([said["problem"]["waypoints"], *map(sided, pairs)]) != said["problem"]["digest"]:

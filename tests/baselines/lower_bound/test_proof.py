@@ -490,3 +490,16 @@ def test_rows_of_a_motion_on_which_the_solver_breaks_down_are_left() -> None:
     target = best.duration / (1 + 1e-4)
     found = prove(problem, target, 1e-4, np.inf, best.trajectory)
     assert target <= found.lower_bound <= best.duration
+
+
+def test_waypoints_that_rounding_may_miss_are_left_out() -> None:
+    """The bound is one of the problem without them; the proof holds for the problem as given."""
+    clear = Problem([[0.0, 0.0], [1.0, 0.5], [0.5, 1.0]], Limits([1.0, 1.0], [2.0, 2.0]))
+    steps = 1e-9 * np.arange(1, 4)[:, None]
+    dense = np.concatenate([clear.waypoints[:2], clear.waypoints[1] + steps, clear.waypoints[2:]])
+    problem = replace(clear, waypoints=dense)
+    bound = certify(problem, time_limit=20.0)
+    assert bound.proof is not None
+    assert proved_bound(problem, bound.proof) == bound.lower_bound
+    assert len(bound.trajectory.waypoint_times) == len(dense)
+    assert bound.status == "proved"
