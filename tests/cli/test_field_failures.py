@@ -212,3 +212,30 @@ def test_a_larger_jump_is_no_motion_and_the_slow_down_is_said_beside_it(run):
     assert code == 1
     assert "No slow-down mends it: j at 1 s: velocity jumps by 0.001 rad/s." in text
     assert "Besides, its limits need it 1.5" in text
+
+
+# --- the FR3: a motion that breaks a limit is no file, unless it is asked for ---
+
+
+def test_a_motion_that_breaks_the_arms_own_limits_is_not_written(run):
+    """`two`'s joint may move at √(2·1·x) − 0.1 at a distance x from 1.05 rad: less than 2."""
+    own = '<position_based_velocity_limits velocity_offset="0.1" deceleration_limit="1"/>'
+    limit = 'lower="-3" upper="1.05" velocity="2" effort="1"'
+    text = robot(joint("two", limit, own))
+    files = {"r__urdf": text, "w__csv": "two\n0\n1\n"}
+    line = "plan w.csv --urdf r.urdf --acceleration 4 --unit rad --planner exact --out m.csv"
+    code, out, err = run(line, **files)
+    assert code == 1
+    assert not Path("m.csv").exists()
+    assert "m.csv is not written: the motion breaks the arm's own velocity limits" in err
+    assert "It breaks the arm's own velocity limits" in " ".join(out.split())
+    assert "keeps every limit" not in out
+    assert run(f"{line} --force", **files)[0] == 1  # overwrites, and nothing else
+    assert not Path("m.csv").exists()
+    code, out, _ = run(f"{line} --out-anyway", **files)
+    assert code == 0
+    assert Path("m.csv").exists()
+    assert "it keeps every other limit" in " ".join(out.split())
+    slow = {**files, "w__csv": "two\n-2.9\n-2.8\n"}
+    code, out, _ = run(f"{line} --force", **slow)
+    assert (code, "keeps every limit" in " ".join(out.split())) == (0, True)

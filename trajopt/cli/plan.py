@@ -44,6 +44,7 @@ def plan(
     seed: Seed = 0,
     out: Path | None = None,
     force: bool = False,
+    out_anyway: bool = False,
     cycle: Annotated[
         float | None,
         number("Control cycle, s; all points are on it. By default 0.001.", least=1e-6, most=1e3),
@@ -66,6 +67,7 @@ def plan(
         planner: NAME or FILE.py:NAME, as `trajopt explain`; by default the best one.
         out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
         force: Overwrite the file of --out.
+        out_anyway: Write a motion that breaks a limit that no planner here keeps.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
@@ -87,8 +89,14 @@ def plan(
         print_trial(trial, problem)
         for sentence in sentences(found) if found else _without_jerk(trial):
             console.paragraph(sentence)
-    code = 0 if trial.is_answered else 1
-    if target is not None and not trial.certified_trajectory and target.path.suffix != ".h5":
+    broken = _broken(trial) and not out_anyway
+    code = 0 if trial.is_answered and not broken else 1
+    if target is not None and broken and target.path.suffix != ".h5":
+        console.note(
+            f"{out} is not written: the motion breaks the arm's own velocity limits; --out-anyway "
+            "writes it"
+        )
+    elif target is not None and not trial.certified_trajectory and target.path.suffix != ".h5":
         console.note(f"{out} is not written: no certified trajectory")
         code = 1
     elif target is not None:
@@ -102,6 +110,12 @@ def plan(
     if json:
         console.print_json(table)
     return code
+
+
+def _broken(trial: Trial) -> bool:
+    """Return whether the certified motion breaks limits that no planner keeps."""
+    limits, motion = trial.problem.falling_velocity, trial.certified_trajectory
+    return bool(limits) and motion is not None and not excess(limits, motion).kept
 
 
 def _without_jerk(trial: Trial) -> Iterator[str]:
@@ -123,10 +137,11 @@ def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
     if executed is None:
         return f"{target.path} is written."
     certificate = executed.certificate
+    every = "every other limit" if _broken(trial) else "every limit"
     return (
         f"{target.path}: {executed.points} points, {executed.duration:.6g} s "
         f"({100 * executed.longer:.2f} % longer, for whole cycles of {target.cycle:g} s). Read "
-        f"again and executed with {executed.pieces} pieces it keeps every limit: "
+        f"again and executed with {executed.pieces} pieces it keeps {every}: "
         f"{peak(certificate, trial)}. It passes every waypoint (to "
         f"{certificate.waypoint.value:.0e} {trial.problem.unit(certificate.waypoint.joint)})."
     )
