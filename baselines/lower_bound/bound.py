@@ -54,6 +54,8 @@ class Bound:
         trajectory: The fastest one known.
         message: The reason if the time limit left no time to begin.
         proof: Proof of the lower bound, checked without a solver; None for a closed form.
+        disagreement: By how much the starts of the trajectory's planner differ, relative; None
+            where it states none.
     """
 
     lower_bound: float
@@ -63,6 +65,7 @@ class Bound:
     trajectory: Trajectory | None
     message: str = ""
     proof: Proof | RatioProof | None = None
+    disagreement: float | None = None
 
 
 def certify(
@@ -152,6 +155,7 @@ def _bound(
         status="proved" if proved else otherwise,
         trajectory=best.trajectory,
         proof=proof,
+        disagreement=best.disagreement,
     )
 
 

@@ -18,6 +18,8 @@ from trajopt.planners.planner import Planner, Relation
 if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing planners needs none
     from baselines.lower_bound.bound import Bound
 
+AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
+
 
 @dataclass(frozen=True)
 class Certify(Planner):
@@ -110,4 +112,12 @@ class Certify(Planner):
             return f"{text}; {bound.message}"
         if bound.trajectory is None:
             return f"{text}; the fastest breaks a limit that the bound lifts"
-        return text
+        if bound.status == "proved":
+            return text
+        above = f"the fastest known is {100 * bound.proved_within:.3g} % above"
+        if bound.disagreement is None or bound.disagreement <= AGREEMENT_RTOL:
+            return f"{text}; {above}"
+        if np.isinf(bound.disagreement):
+            return f"{text}; {above}: one of its planner's starts succeeded alone"
+        apart = f"{100 * bound.disagreement:.2g} %"
+        return f"{text}; {above}, and its planner's starts disagree by {apart}"

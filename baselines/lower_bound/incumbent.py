@@ -27,10 +27,17 @@ _WIDE_JERK_FACTOR = 1e3
 
 
 class Incumbent(NamedTuple):
-    """A verified trajectory that keeps every limit, and its duration, s."""
+    """A verified trajectory that keeps every limit.
+
+    Attributes:
+        trajectory: Repaired and dilated.
+        duration: Of it, s.
+        disagreement: By how much its planner's starts differ (`Solution.disagreement`).
+    """
 
     trajectory: Trajectory
     duration: float
+    disagreement: float | None = None
 
 
 def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
@@ -55,8 +62,11 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
 
 def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
     """Return a planner's answer, dilated until it keeps every limit, if that is possible."""
-    answer = planner.solve(_two_sided(problem)).trajectory
-    return None if answer is None else kept(problem, answer)
+    solution = planner.solve(_two_sided(problem))
+    if solution.trajectory is None:
+        return None
+    found = kept(problem, solution.trajectory)
+    return found and found._replace(disagreement=solution.disagreement)
 
 
 def kept(problem: Problem, answer: Trajectory) -> Incumbent | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -194,6 +195,27 @@ def test_position_limits_that_the_relaxation_leaves_go_to_the_next_planner():
     least = re.search(f"{re.escape(proved)}([0-9.]+) % less", text)[1]
     duration = found.trial.certified_duration
     assert float(least) == pytest.approx(100 * (duration - found.proved) / duration, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("durations", "share", "words"),
+    [
+        ([2.0, 2.0], 0.95, "No faster motion is known. Proved:"),
+        ([2.0, 2.0], 0.7, "Its starts agree on it, but the bound is far. Proved:"),
+        ([2.8, 2.0, 2.6], 0.95, "disagree: the second best ends 30 % above this, and a faster"),
+        ([np.inf, 2.0], 0.95, "One of its starts succeeded alone: a faster motion may be found."),
+        (None, 0.95, "A faster motion may be found. Proved:"),
+    ],
+)
+def test_no_faster_motion_is_known_only_where_starts_agree_near_the_bound(durations, share, words):
+    found = best(Problem([[0.0], [1.0]], Limits([1.0], [1.0])), 0)
+    assert found.trial.certified_duration == pytest.approx(2.0)
+    stats = {} if durations is None else {"start_duration": np.array(durations)}
+    trial = replace(found.trial, solution=replace(found.trial.solution, stats=stats))
+    text = " ".join(sentences(replace(found, trial=trial, proved=2.0 * share)))
+    assert words in text
+    assert ("No faster motion is known" in text) == words.startswith("No faster")
+    assert f"{100 * (1 - share):.3g} % less" in text
 
 
 # --- new ---

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.best_planner import Best
@@ -12,6 +13,8 @@ from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
+AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
+FAR_PERCENT = 10.0  # percent of the duration; a bound farther below leaves room for much
 
 ADD_JERK_LIMITS = (
     "without them acceleration jumps. Add jerk limits (rad/s³) to the problem file, or max_jerk "
@@ -53,7 +56,8 @@ def _quality(found: Best, duration: float) -> str:
     proved_within = duration / found.proved - 1
     if proved_within < OPTIMUM_RTOL:
         return "Its answer is the optimum, proved within 0.01 %."
-    known = "No faster motion is known"
+    less = 100 * (1 - found.proved / duration)
+    known = _known(found.trial, less)
     if found.relaxed is not None:
         above = duration / found.relaxed - 1
         if above >= OPTIMUM_RTOL:
@@ -64,8 +68,23 @@ def _quality(found: Best, duration: float) -> str:
         above = 100 * (duration / record.duration - 1)
         best = f"the best known, {record.motion}, {record.duration:.4f} s"
         known = f"It is {above:.2g} % above {best}"
-    less = 100 * (1 - found.proved / duration)
     return (
         f"{known}. Proved: every motion takes at least {found.proved:.4f} s, {less:.3g} % less "
         "(`trajopt certify` proves more)."
     )
+
+
+def _known(trial: Trial, less: float) -> str:
+    """Describe what the planner's starts tell; the bound lies `less` percent below the answer."""
+    solution = trial.solution
+    apart = solution.disagreement
+    if apart is None:
+        return "A faster motion may be found"
+    if apart == inf:
+        return "One of its starts succeeded alone: a faster motion may be found"
+    if apart > AGREEMENT_RTOL:
+        said = f"Its starts disagree: the second best ends {100 * apart:.2g} % above this"
+        return f"{said}, and a faster motion may be found"
+    if less > FAR_PERCENT:
+        return "Its starts agree on it, but the bound is far"
+    return "No faster motion is known"

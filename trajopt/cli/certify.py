@@ -60,7 +60,7 @@ def certify(
 
 
 def _print(table: dict[str, Any], message: str) -> None:
-    """Print the bounds; the planner's message tells why there is no upper bound."""
+    """Print the bounds; the planner's message tells why they are apart."""
     what = f"{table['problem']}, {table['family']}"
     console.headline("", f"{what}: ", table["status"])
     console.line(f"  lower bound {table['lower_bound']:.9f} s")
@@ -69,6 +69,8 @@ def _print(table: dict[str, Any], message: str) -> None:
             f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration"
         )
         console.line(f"  within      {100 * table['proved_within']:.6f} %")
+        if table["status"] != "proved":
+            console.paragraph(message)
     else:
         console.line("  upper bound none")
         console.line(f"  {message}")

@@ -62,6 +62,21 @@ class Solution:
         return f"Solution({', '.join(said)})"
 
     @property
+    def disagreement(self) -> float | None:
+        """By how much the second shortest of its starts ends above the shortest, relative.
+
+        0 where two starts agree, infinite where one alone succeeded; None where the planner states
+        no starts.
+        """
+        durations = self.stats.get("start_duration")
+        if durations is None:
+            return None
+        shortest, second, *_ = sorted([*np.ravel(durations), np.inf, np.inf])
+        if not np.isfinite(second):
+            return float(np.inf)
+        return float(second / shortest - 1)
+
+    @property
     def history_flaw(self) -> str:
         """The reason why `history` contradicts the answer; empty if it is consistent or missing.
 

@@ -150,3 +150,18 @@ def test_the_time_limit_covers_building_the_model(waypoints, joints):
     at_top_speed = np.abs(problem.displacements).max(axis=1).sum()
     assert solution.lower_bound >= at_top_speed * (1 - 1e-12)
     assert solution.lower_bound < stop_times(problem).sum()
+
+
+@pytest.mark.parametrize(
+    ("apart", "words"),
+    [
+        (0.0, "the fastest known is 25 % above"),
+        (0.3, "is 25 % above, and its planner's starts disagree by 30 %"),
+        (np.inf, "is 25 % above: one of its planner's starts succeeded alone"),
+    ],
+)
+def test_an_open_bound_says_how_far_the_motion_is_above_and_whether_its_starts_agree(apart, words):
+    bound = Certify(time_limit=5.0).bound(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
+    opened = replace(bound, status="time limit", proved_within=0.25, disagreement=apart)
+    assert Certify()._message(opened).endswith(words)
+    assert "above" not in Certify()._message(replace(opened, status="proved"))
