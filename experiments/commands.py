@@ -20,7 +20,7 @@ from pathlib import Path
 import cyclopts
 import pandas as pd
 
-from experiments.common.output import save_table
+from experiments.common.output import save_table, say
 
 MAIN_JOB = ("compare", "six-axis", "--certify")
 
@@ -71,6 +71,7 @@ def main(
     if quick:
         rounds = 1
         seeds = 2
+    say(f"{rounds} rounds of {1 + len(others)} environments")
     taken = []
     for _ in range(rounds):
         by_command = {}

@@ -1,7 +1,7 @@
 """Compare the best members of families of trajectories with the optimum.
 
     python -m experiments.families                # 50 random problems, fifteen CPU minutes
-    python -m experiments.families --random 4     # a quick look
+    python -m experiments.families --quick        # 4 random problems
 
 The best trajectory of each family beside the optimum under the same limits, on the six-axis
 problem, the published problems, the arms' four-waypoint problems and random four-waypoint problems,
@@ -51,13 +51,16 @@ def problems(random: int) -> Iterator[tuple[str, Problem]]:
         yield "random", random_problem(seed, waypoints=4, jerk=with_jerk)
 
 
-def main(*, random: int = 50, output: Path = Path("families")) -> None:
+def main(*, random: int = 50, output: Path = Path("families"), quick: bool = False) -> None:
     """Run what is missing, then write and print the table.
 
     Args:
         random: How many random problems.
         output: The folder.
+        quick: Four random problems at most.
     """
+    if quick:
+        random = min(random, 4)
     trials = compared(problems(random), FAMILIES.items(), output)
     table = spread(trials, ["jerk", "planner"]).reindex(list(FAMILIES), level="planner")
     by_family = table[[group for group in GROUPS if group in table]]

@@ -1,7 +1,7 @@
 """Which gap to the best known motion does each planner leave, suite by suite?
 
     python -m experiments.gaps                       # every suite, more than an hour on two cores
-    python -m experiments.gaps --suite six-axis      # a quick look
+    python -m experiments.gaps --quick               # six-axis alone
 
 It runs every registered planner but `certify`, with its default options, on every problem of a
 suite. Planners that search at random run with `SEEDS` seeds. A gap is to the problem's best known
@@ -17,9 +17,10 @@ from typing import Any
 import cyclopts
 import pandas as pd
 
-from experiments.common.output import save_table
+from experiments.common.output import save_table, say
 from trajopt import compare
 from trajopt.benchmark.suites import catalogue
+from trajopt.cli import console
 from trajopt.planners.registry import entries
 
 SEEDS = 3
@@ -47,16 +48,26 @@ def cell(row: Any) -> str:
     return text
 
 
-def main(*, suite: list[str] | None = None, output: Path = Path("gaps"), jobs: int = 2) -> None:
+def main(
+    *,
+    suite: list[str] | None = None,
+    output: Path = Path("gaps"),
+    jobs: int = 2,
+    quick: bool = False,
+) -> None:
     """Run what is missing, then write and print the table.
 
     Args:
         suite: Names of suites; all if left out.
         output: The folder.
         jobs: Trials side by side.
+        quick: The suite six-axis alone.
     """
     columns = {}
+    if quick:
+        suite = ["six-axis"]
     for name in suite or catalogue.suites():
+        say(f"every planner on {name}")
         results = compare(
             list(catalogue.problems(name)),
             planners(),
@@ -64,6 +75,7 @@ def main(*, suite: list[str] | None = None, output: Path = Path("gaps"), jobs: i
             seeds=SEEDS,
             jobs=jobs,
             timeout=TIMEOUT,
+            progress=console.progress_line(),
         )
         table = results.planners()
         cells = [cell(row) for row in table.itertuples()]

@@ -17,12 +17,11 @@ from pathlib import Path
 import cyclopts
 from matplotlib.figure import Figure
 
-from experiments.common.output import save_table
+from experiments.common.output import progress, save_table
 from experiments.published import figures
 from experiments.published.judged import Judged, judged, known, table
 from experiments.published.page import page
 from trajopt.benchmark.suites import literature
-from trajopt.cli import console
 from trajopt.views.figures import plots
 
 FOLDER = "literature"
@@ -30,7 +29,10 @@ _PNG_DPI = 110
 
 
 def main(
-    *problem: str, time_limit: float = 20.0, output: Path = Path("results/literature")
+    *problem: str,
+    time_limit: float = 20.0,
+    output: Path = Path("results/literature"),
+    quick: bool = False,
 ) -> None:
     """Judge every published time and write the page.
 
@@ -38,10 +40,13 @@ def main(
         problem: published problems; all that can be stated if none is named.
         time_limit: for each proof of a lower bound, s.
         output: folder of the page.
+        quick: the first problem alone.
     """
     names = problem or tuple(literature.files())
+    if quick:
+        names = names[:1]
     problems = []
-    with console.progress(len(names), "problems") as advance:
+    with progress(len(names), "problems") as advance:
         for name in names:
             problems.append(judged(name, time_limit))
             advance(1)

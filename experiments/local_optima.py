@@ -1,6 +1,7 @@
 """How often do local optima differ, and by how much does a planner that stops early miss the best?
 
     python -m experiments.local_optima                          # 300 problems, four minutes
+    python -m experiments.local_optima --quick                  # 10
     python -m experiments.local_optima --problems 2000 --starts 64
     python -m experiments.local_optima --planner exact-jerk --problems 60 --starts 4
 
@@ -84,8 +85,15 @@ def main(
     starts: int = 16,
     planner: str = "exact",
     output: Path = Path("results/local-optima"),
+    quick: bool = False,
 ) -> None:
-    """Try every start on every problem; print the table, and write it to `output`."""
+    """Try every start on every problem; print the table, and write it to `output`.
+
+    `quick`: ten problems at most, of four starts.
+    """
+    if quick:
+        problems = min(problems, 10)
+        starts = min(starts, 4)
     cells = {}
     for seed in range(problems):
         problem = random_problem(seed, jerk=planner == "exact-jerk")

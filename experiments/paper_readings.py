@@ -23,12 +23,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from experiments.common.output import save_table
+from experiments.common.output import progress, save_table
 from experiments.paper.choices import READINGS, Reading
 from experiments.paper.kept_searches import ALGORITHMS, NAMES, interval, running_times, stored
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import console
 from trajopt.core.arrays import Array
 from trajopt.planners import spline353
 
@@ -179,7 +178,7 @@ def main(
         iterations = 20
     tasks = [(r, a, t) for r in READINGS for a in r.algorithms for t in TIMINGS]
     found: list[dict[str, Any]] = []
-    with console.progress(len(tasks)) as advance:
+    with progress(len(tasks)) as advance:
         for reading, algorithm, timing in tasks:
             file = f"{reading.name}-{algorithm}-{timing}-{seeds}x{iterations}.npz"
             search = partial(reading.search, algorithm, timing, seeds, iterations)

@@ -24,7 +24,7 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from experiments.common.output import save_table
+from experiments.common.output import progress, save_table
 from experiments.paper import kept_searches as paper
 from experiments.paper.kept_searches import (
     ALGORITHMS,
@@ -37,7 +37,6 @@ from experiments.paper.kept_searches import (
 from experiments.paper.paper_claims import claims, estimates, totals
 from trajopt import Problem, Trajectory, verify
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import console
 from trajopt.core.arrays import Array
 from trajopt.planners import spline353
 from trajopt.planners.kinematics import Robot, cartesian_problem
@@ -157,7 +156,7 @@ def searched(output: Path, problem: Problem, seeds: int, iterations: int) -> Fou
     """All searches, each stored as soon as it is done."""
     found = {}
     cases = list(itertools.product(TIMINGS, ALGORITHMS))
-    with console.progress(len(cases)) as advance:
+    with progress(len(cases)) as advance:
         for timing, algorithm in cases:
             options = {"timing": timing, "iterations": iterations}
             planner = configured(load(algorithm), options)

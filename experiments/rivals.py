@@ -1,7 +1,7 @@
 """Measure other people's planners against the optimum: as documented, and with equal effort.
 
     python -m experiments.rivals            # 44 problems, half an hour of CPU
-    python -m experiments.rivals six-axis   # one of them
+    python -m experiments.rivals --quick    # six-axis alone
 
 Every rival runs twice on the six-axis problem, `jerk-limit` and the 42 problems of eleven arms: as
 its authors' example has it (one try), and with the effort that each of them gets, the best of
@@ -52,13 +52,16 @@ def problems() -> Iterator[tuple[str, Problem]]:
         yield group, problem
 
 
-def main(*problem: str, output: Path = Path("results/rivals")) -> None:
+def main(*problem: str, output: Path = Path("results/rivals"), quick: bool = False) -> None:
     """Run what is missing, then write and print the table.
 
     Args:
         problem: Names of problems; all 44 if none is given.
         output: The folder.
+        quick: The problem six-axis alone.
     """
+    if quick:
+        problem = ("six-axis",)
     chosen = [(group, own) for group, own in problems() if not problem or own.name in problem]
     trials = compared(chosen, RIVALS.items(), output)
     table = spread(trials, ["planner"])

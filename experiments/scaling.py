@@ -1,7 +1,7 @@
 """How do the reference planners' times grow with the number of waypoints?
 
     python -m experiments.scaling                # up to 1000 waypoints, some minutes on a core
-    python -m experiments.scaling --most 20      # a quick look
+    python -m experiments.scaling --quick        # up to 20
 
 Random walks of seven joints, each a longer walk's beginning, with the limits that a planner knows.
 Reported are CPU seconds of a planner's first `solve` at a size, which includes building IPOPT's
@@ -107,8 +107,13 @@ def drawn(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def main(most: int = 1000, output: Path = Path("results/scaling")) -> None:
-    """Measure every size up to `most` waypoints, print the table and the slopes, draw both."""
+def main(most: int = 1000, output: Path = Path("results/scaling"), quick: bool = False) -> None:
+    """Measure every size up to `most` waypoints, print the table and the slopes, draw both.
+
+    `quick`: up to 20 waypoints.
+    """
+    if quick:
+        most = min(most, 20)
     cells = {}
     for planner, sizes in SIZES.items():
         for waypoints in sizes:

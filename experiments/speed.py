@@ -24,7 +24,7 @@ import pandas as pd
 from scipy.interpolate import PPoly
 from scipy.optimize import differential_evolution
 
-from experiments.common.output import save_table
+from experiments.common.output import save_table, say
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -229,6 +229,7 @@ def main(
         iterations = 5
         intervals = ()
         repeats = 1
+    say("searches, verdicts and optima, each several times")
     rows = [*searches(loaded, iterations, repeats), *verdicts(loaded, 10 * repeats)]
     if intervals:
         rows += optima(loaded, intervals, repeats)

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 import pebble
 
-from trajopt.cli import console
+from experiments.common.output import progress
 
 Rows = Any  # a table, or a list of rows by column
 Cell = Callable[[], Rows]
@@ -42,7 +42,7 @@ def kept(
         done = set(keys.itertuples(index=False, name=None))
     missing = {key: cell for key, cell in cells.items() if key not in done}
     file.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress(len(cells)) as advance:
+    with progress(len(cells)) as advance:
         advance(len(cells) - len(missing))
         for key, rows in zip(missing, compute(missing.values()), strict=True):
             table = pd.DataFrame(rows)

@@ -1,10 +1,28 @@
-"""Write the table of an experiment as CSV and Markdown."""
+"""What every experiment writes: its table as CSV and Markdown, and how far it is."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
+
+from trajopt.cli import console
+
+
+@contextmanager
+def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]]:
+    """Show progress as `console.progress` does, and on standard error at once how much there is."""
+    say(f"{total} {what} in all")
+    with console.progress(total, what) as advance:
+        yield advance
+
+
+def say(text: str) -> None:
+    """Print a line on standard error."""
+    print(f"experiment: {text}", file=sys.stderr, flush=True)
 
 
 def save_table(table: pd.DataFrame, stem: Path) -> None:

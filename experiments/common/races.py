@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from experiments.common.output import save_table
+from experiments.common.output import save_table, say
 from trajopt import Problem, Results, compare
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites.random import random_problem
+from trajopt.cli import console
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.planner import Planner
@@ -68,7 +69,10 @@ def run(
         TrajoptError: a run is below the proved bound: a bug, never a result.
     """
     contestants = [*entrants.items(), ("proof", load(PROOF))]
-    return outcome(compare(field, contestants, folder, seeds=seeds, jobs=JOBS), list(entrants))
+    say(f"{len(contestants)} planners on {len(field)} problems")
+    line = console.progress_line()
+    results = compare(field, contestants, folder, seeds=seeds, jobs=JOBS, progress=line)
+    return outcome(results, list(entrants))
 
 
 def outcome(results: Results, entrants: Sequence[str]) -> Outcome:

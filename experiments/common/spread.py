@@ -8,7 +8,9 @@ from typing import Any
 
 import pandas as pd
 
+from experiments.common.output import say
 from trajopt import Problem, compare
+from trajopt.cli import console
 from trajopt.core.solution import Status
 from trajopt.planners.registry import entries, load
 from trajopt.views.analysis.gap_reference import OPTIMA
@@ -37,7 +39,10 @@ def compared(
     for name, spec in planners:
         if entries()[spec.partition(":")[0]].missing() is None:
             contestants.append((name, load(spec)))
-    trials = compare([own for _, own in grouped], contestants, folder, jobs=JOBS).gaps()
+    say(f"{len(contestants)} planners on {len(grouped)} problems")
+    line = console.progress_line()
+    own_problems = [own for _, own in grouped]
+    trials = compare(own_problems, contestants, folder, jobs=JOBS, progress=line).gaps()
     members = [(own.digest(), group, own.has("jerk")) for group, own in grouped]
     columns = ["digest", "group", "jerk"]
     found = trials.drop(columns="group").merge(pd.DataFrame(members, columns=columns))

@@ -27,9 +27,8 @@ import pandas as pd
 from pebble import ProcessExpired
 
 from experiments.common.kept import apart
-from experiments.common.output import save_table
+from experiments.common.output import progress, save_table
 from experiments.soaks import forged_results, hostile_texts, said
-from trajopt.cli import console
 
 WALL_S = 120.0  # for 10 s of CPU on a machine with other work
 STORED_EVERY = 5  # files
@@ -110,7 +109,7 @@ def table(mutations: int, crafts: int, first: int) -> pd.DataFrame:
         cells_per_worker=FILES_PER_WORKER,
     )
     rows = []
-    with console.progress(len(asked)) as advance:
+    with progress(len(asked)) as advance:
         for (seed, mutated), answer in zip(asked, answers, strict=True):
             rows.append({"seed": seed, "made": "mutated" if mutated else "crafted", **answer})
             advance(1)

@@ -1,6 +1,7 @@
 """Can a planner that means harm, or has an accident, spoil a comparison?
 
-    python -m experiments.soaks.nasty_planners       # 85 planners, about a minute
+    python -m experiments.soaks.nasty_planners           # 85 planners, about a minute
+    python -m experiments.soaks.nasty_planners --quick   # 8
 
 Each runs between planners that do no harm, in a folder of its own; what it does,
 `nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
@@ -30,11 +31,10 @@ from typing import Any
 import cyclopts
 import pandas as pd
 
-from experiments.common.output import save_table
+from experiments.common.output import progress, save_table
 from experiments.soaks.nasty import OPTIMUM, PROBLEM, Nasty, planners
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import Trial
-from trajopt.cli import console
 from trajopt.comparison import compare
 from trajopt.core.exceptions import StoreError
 
@@ -134,8 +134,13 @@ def printed(file: Path) -> Iterator[Path]:
                 os.close(old)
 
 
-def table(groups: Sequence[Sequence[str]] = ()) -> pd.DataFrame:
-    """A row per planner: of all, each compared alone, or of these, those of a group together."""
+def table(groups: Sequence[Sequence[str]] = (), most: int | None = None) -> pd.DataFrame:
+    """A row per planner: of all, each compared alone, or of these, those of a group together.
+
+    Args:
+        groups: Names of planners.
+        most: Without groups, how many planners there are at most.
+    """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place).resolve()
         found = planners(folder)
@@ -144,8 +149,8 @@ def table(groups: Sequence[Sequence[str]] = ()) -> pd.DataFrame:
         with chdir(alone):
             expected = answers(outcome(OTHERS)[0])
         made: list[dict[str, Any]] = []
-        groups = groups or [[name] for name in found]
-        with console.progress(len(groups), "comparisons") as advance:
+        groups = groups or [[name] for name in found][:most]
+        with progress(len(groups), "comparisons") as advance:
             for number, names in enumerate(groups):
                 group = {name: found[name] for name in names}
                 made += rows(group, folder / f"comparison-{number}", expected)
@@ -163,9 +168,9 @@ def harmful(made: pd.DataFrame) -> pd.DataFrame:
     return made[forging | changing | leaving | printing | made["executed"] | untried]
 
 
-def main(output: Path = Path("results/nasty_planners")) -> None:
-    """Run every planner, write the table and print it."""
-    made = table()
+def main(output: Path = Path("results/nasty_planners"), quick: bool = False) -> None:
+    """Run every planner, or the first eight if `quick`; write the table and print it."""
+    made = table(most=8 if quick else None)
     save_table(made, output / "nasty_planners")
     print(made.to_string(index=False, na_rep="", float_format="{:.3g}".format))
     harm = harmful(made)

@@ -1,7 +1,7 @@
 """Do the relations of docs/mathematics.md, section 8, hold on thousands of random problems?
 
     python -m experiments.soaks.relations                   # 2000 problems, half an hour on a core
-    python -m experiments.soaks.relations --problems 20     # a quick look
+    python -m experiments.soaks.relations --quick           # 20 problems
 
 A problem's rows go to `relations.csv` in `--output` as soon as they are known; running again does
 only what is missing. The table counts violations by kind, each beyond its own tolerance. What could
@@ -305,8 +305,15 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def main(problems: int = 2000, jobs: int = 1, output: Path = Path("results/relations")) -> None:
-    """Check the relations on every problem and print the table."""
+def main(
+    problems: int = 2000,
+    jobs: int = 1,
+    output: Path = Path("results/relations"),
+    quick: bool = False,
+) -> None:
+    """Check the relations on every problem, 20 at most if `quick`, and print the table."""
+    if quick:
+        problems = min(problems, 20)
     cells = {(seed,): partial(checked, seed) for seed in range(problems)}
     # Forking loaded solvers is not safe.
     compute = partial(apart, lost=lost, workers=jobs, timeout=TIMEOUT_S, start="spawn")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,7 +15,7 @@ from experiments import commands, families, rivals
 from experiments.__main__ import questions
 from experiments.common.output import save_table
 from experiments.common.spread import spread
-from experiments.soaks import forgeries, tricks
+from experiments.soaks import forgeries, relations, tricks
 from trajopt.benchmark.suites.catalogue import load
 
 
@@ -119,3 +122,22 @@ def test_families_lie_within_each_other(tmp_path, monkeypatch):
     for jerk, group in ((False, "six-axis"), (True, "published")):
         gap = table.loc[jerk, group]
         assert 0 < gap["septic, 7-7-7"] < gap["quintic, 5-5-5"] < gap["3-5-3"]
+
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = [
+    path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
+    for path in sorted((ROOT / "experiments").rglob("*.py"))
+    if "cyclopts.run(main)" in path.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_experiment_has_one_word_for_smaller(name):
+    assert len(SCRIPTS) >= 20
+    assert "quick" in inspect.signature(import_module(name).main).parameters
+
+
+def test_an_experiment_says_at_once_how_much_there_is(tmp_path, capsys):
+    relations.main(output=tmp_path, problems=1)
+    assert capsys.readouterr().err.startswith("experiment: 1 trials in all\n")
