@@ -119,6 +119,29 @@ def test_the_numbers_of_sentences_are_those_of_the_tables():
     assert f"certify at {float(certified):.2f} s" in text
 
 
+def test_the_arena_says_what_its_table_shows():
+    text = prose("docs/arena.md")
+    _, (heading, *body) = stored(STORED / "arena.csv")
+    columns = {name: [row[i] for row in body] for i, name in enumerate(heading)}
+    names = [name.strip("*") for name in columns["optimiser"]]
+    assert len(names) == 234 + len({"pso", "ssa", "issa", "cmaes", "de"} & {*names})
+    largest = [
+        float(cell.split()[0].replace("–", "inf")) for cell in columns["median gap at 10,000"]
+    ]
+    every = columns["within 1e-6 at 10,000"].count("100 %")
+    assert (
+        f"{every} of the {len(names)} optimisers come within 1e-6 of the optimum in every" in text
+    )
+    for percent in (0.1, 1):
+        count = sum(gap <= percent for gap in largest)
+        assert (
+            f"{count} are within {percent} %" in text or f"and {count} within {percent} %" in text
+        )
+    assert f"half of them end {sorted(largest)[len(largest) // 2]:.2f} % above" in text
+    for name in ("pso", "ssa", "issa"):
+        assert columns["median gap at 10,000"][names.index(name)] in text
+
+
 def test_the_readme_counts_published_times_as_their_page_does():
     page = prose("docs/literature.md")
     times, sources = re.search(r"(\d+) published numbers \(of (\d+) sources\)", page).groups()
