@@ -15,7 +15,7 @@ from typing import TextIO
 import cyclopts
 
 import trajopt
-from trajopt.cli import STOPPED, console
+from trajopt.cli import STOPPED, console, examples
 from trajopt.core.exceptions import FileNote, TrajoptError, UnitWarning, nearest
 from trajopt.core.out_of_scope import SCOPE, out_of_scope
 
@@ -86,7 +86,11 @@ _FURTHER = {
     )
 }
 for _name, (_target, _help) in _COMMANDS.items():
-    app.command(f"trajopt.cli.{_target}", name=_name, help=_help)
+    if _target.endswith(":app"):  # it has subcommands, and says its examples itself
+        app.command(f"trajopt.cli.{_target}", name=_name, help=_help)
+    else:
+        _end = examples.in_words(_name)
+        app.command(f"trajopt.cli.{_target}", name=_name, help=_help, help_epilogue=_end)
 app.register_install_completion_command(
     help="Make the shell complete commands and options (bash, zsh, fish)."
 )
@@ -151,6 +155,8 @@ def _show_warning(
 
 
 def _words(error: Exception) -> str:
+    if isinstance(error, cyclopts.MissingArgumentError) and error.argument:
+        return _missing(error)
     if isinstance(error, cyclopts.UnknownOptionError):
         option, _, _ = (error.token.keyword or error.token.value).partition("=")
         elsewhere = out_of_scope(option)
@@ -171,6 +177,19 @@ def _words(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"the working folder was deleted ({error.strerror})"
     return error.strerror
+
+
+def _missing(error: cyclopts.MissingArgumentError) -> str:
+    """Say what a command needs in the words of its help, with an example."""
+    command = " ".join(error.command_chain or ())
+    argument = error.argument
+    assert argument is not None
+    positional = argument.index is not None
+    name = argument.name.lstrip("-").upper() if positional else argument.name
+    meaning = (argument.parameter.help or "").rstrip(".")
+    words = f"{command} needs {name}" + f" ({meaning})" * bool(meaning)
+    known = examples.EXAMPLES.get(command.partition(" ")[0], ())
+    return f"{words}; for example: {known[0]}" if known else words
 
 
 def _suggesting(error: Exception, given: str, known: list[str]) -> str:

@@ -19,7 +19,7 @@ from cyclopts import Parameter
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console, kinds
-from trajopt.cli.parameters import number
+from trajopt.cli.parameters import ROBOT, number
 from trajopt.core import problem_file
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
@@ -62,9 +62,11 @@ class Robot:
 
 MotionUnit = Annotated[
     str | None,
-    Parameter(help="Units of the motion where its header has none, as --unit of waypoints."),
+    Parameter(
+        help="Units of the motion where its header has none, as --unit of waypoints.", group=ROBOT
+    ),
 ]
-RobotFlags = Annotated[Robot, Parameter(name="*")]
+RobotFlags = Annotated[Robot, Parameter(name="*", group=ROBOT)]
 NO_FLAGS = Robot()
 
 

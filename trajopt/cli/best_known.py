@@ -17,7 +17,7 @@ from trajopt.benchmark.best_known.records import CLOSED_WITHIN, Origin, Record
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import console, kinds
+from trajopt.cli import console, examples, kinds
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.cli.verify import report
 from trajopt.core.exceptions import InvalidInput
@@ -28,6 +28,7 @@ from trajopt.judging.falling_velocity import caveats
 app = cyclopts.App(
     name="best-known",
     help="The best known motion of every suite problem, with a proved lower bound.",
+    help_epilogue=examples.in_words("best-known"),
     help_format="plaintext",
 )
 

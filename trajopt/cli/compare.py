@@ -18,7 +18,17 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import against as versus
 from trajopt.cli import asked, console, problem_tables, suite_table
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
-from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, ProblemName, number, whole_number
+from trajopt.cli.parameters import (
+    MAX_SECONDS,
+    RUNNING,
+    InterpolationName,
+    Planning,
+    ProblemName,
+    Running,
+    Writing,
+    number,
+    whole_number,
+)
 from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
@@ -36,31 +46,41 @@ MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table 
 def compare(
     *problems: ProblemName,
     robot: RobotFlags = NO_FLAGS,
-    planner: list[str] | None = None,
-    motion: list[Path] | None = None,
+    planner: Planning[list[str] | None] = None,
+    motion: Planning[list[Path] | None] = None,
     motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
-    suite: list[str] | None = None,
+    suite: Planning[list[str] | None] = None,
     seeds: Annotated[
-        int, whole_number("Seeds 0 … N−1 of each stochastic planner.", least=1, most=1_000_000)
+        int,
+        whole_number(
+            "Seeds 0 … N−1 of each stochastic planner.", least=1, most=1_000_000, group=RUNNING
+        ),
     ] = 30,
     jobs: Annotated[
-        int | None, whole_number("Worker processes; by default one per CPU.", least=1, most=4096)
+        int | None,
+        whole_number(
+            "Worker processes; by default one per CPU.", least=1, most=4096, group=RUNNING
+        ),
     ] = None,
-    output: Path = Path("results"),
-    fresh: bool = False,
+    output: Writing[Path] = Path("results"),
+    fresh: Running[bool] = False,
     timeout: Annotated[
-        float, number("Seconds after which a trial is stopped.", least=1, most=MAX_SECONDS)
+        float,
+        number("Seconds after which a trial is stopped.", least=1, most=MAX_SECONDS, group=RUNNING),
     ] = 600.0,
     memory: Annotated[
         float | None,
         number(
-            "GiB that a trial's process may use (Linux); no limit by default.", least=0.25, most=1e6
+            "GiB that a trial's process may use (Linux); no limit by default.",
+            least=0.25,
+            most=1e6,
+            group=RUNNING,
         ),
     ] = None,
-    dask: str | None = None,
-    certify: bool = False,
-    against: str | None = None,
+    dask: Running[str | None] = None,
+    certify: Planning[bool] = False,
+    against: Planning[str | None] = None,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures.
 

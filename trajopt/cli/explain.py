@@ -14,7 +14,7 @@ from trajopt.benchmark.judgement import without_jerk
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
-from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
+from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed, Writing
 from trajopt.cli.plan import print_trial
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -41,7 +41,7 @@ def explain(
         Seed | None,
         Parameter(help=f"Seed of a stochastic planner; by default its median run of {RUNS}."),
     ] = None,
-    output: Path = Path("results/explain"),
+    output: Writing[Path] = Path("results/explain"),
     json: Json = False,
 ) -> int:
     """Say what a planner's gap is made of, and which limits hold it back.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from trajopt.cli import console, kinds
-from trajopt.cli.parameters import beside
+from trajopt.cli.parameters import Writing, beside
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.planners.registry import label as label_of
 from trajopt.planners.registry import named
@@ -21,13 +21,15 @@ _NAMES = {
     "svg": "svg",
     "pdf": "pdf",
 }
+_FOLDERS = ("latex", "svg", "pdf")
 
 
 def export(
     folder: Path,
     *,
     to: Literal["csv", "parquet", "latex", "svg", "pdf"],
-    out: Path | None = None,
+    out: Writing[Path | None] = None,
+    output: Writing[Path | None] = None,
     against: str | None = None,
     each_problem: bool = False,
 ) -> int:
@@ -36,13 +38,18 @@ def export(
     Args:
         folder: Results folder of a comparison, or its results.h5.
         to: Trials as CSV or Parquet, tables in LaTeX, or the figures.
-        out: File; for svg, pdf and latex a folder.
+        out: File of csv or parquet; by default in the folder.
+        output: Folder of latex, svg or pdf; by default in the folder.
         each_problem: With svg and pdf: of several problems the figures of each one too.
         against: With latex: planner that all others are tested against in planners.tex.
     """
+    wrong, other = (out, "--out") if to in _FOLDERS else (output, "--output")
+    if wrong is not None:
+        right = "--output with a folder" if to in _FOLDERS else "--out with a file"
+        raise InvalidInput(other, f"{right}, since --to is {to}", value=str(wrong))
     with kinds.reading(folder, "results"):
         results = Results(folder)
-    path = out or beside(folder, _NAMES[to])
+    path = out or output or beside(folder, _NAMES[to])
     rival = "" if against is None else _rival(results, against, to)
     if to == "csv":
         tables.write_csv(results, path)

@@ -26,6 +26,7 @@ from trajopt.cli.parameters import (
     Noise,
     ProblemName,
     Window,
+    Writing,
     number,
 )
 from trajopt.cli.plan import check_target, print_durations, print_smoothness, print_worst
@@ -55,7 +56,7 @@ def judge(
     window: Window = DEFAULT_WINDOW_S,
     out: LogOut = None,
     force: Force = False,
-    output: Path = Path("results/judge"),
+    output: Writing[Path] = Path("results/judge"),
     json: Json = False,
 ) -> int:
     """Judge a motion that anyone planned: what it claims, what holds, and what it loses.

@@ -21,26 +21,22 @@ from trajopt.planners.registry import Entry, entries
 _OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
 
 
-def list_(planner: str = "", /, *, json: Json = False) -> int:
+def list_(what: str = "", /, *, json: Json = False) -> int:
     """List planners, with their options and defaults, built-in problems and robots.
 
     Args:
-        planner: This one alone, with every optimiser that it has by name.
-        json: As JSON.
+        what: planners, problems or robots; or a planner, with every optimiser that it has by name.
     """
-    if planner:
-        return _one(planner, as_json=json)
-    planners = [described(entry) for entry in entries().values()]
-    problems = [_problem(name) for name in catalogue.problem_files()]
-    arms = [_arm(name) for name in robots.arm_files()]
+    if what and what not in _READ:
+        return _one(what, as_json=json)
+    found = {kind: read() for kind, read in _READ.items() if what in ("", kind)}
     if json:
-        console.print_json({"planners": planners, "problems": problems, "robots": arms})
-    else:
-        console.OUT.print(_planner_table(planners))
-        console.paragraph()
-        console.OUT.print(_problem_table(problems))
-        console.paragraph()
-        console.OUT.print(_arm_table(arms))
+        console.print_json(found)
+        return 0
+    for place, (kind, rows) in enumerate(found.items()):
+        if place:
+            console.paragraph()
+        console.OUT.print(_TABLES[kind](rows))
     return 0
 
 
@@ -183,3 +179,11 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> Grid:
         joints = len(arm["joint_names"])
         table.row(name, joints, ", ".join(origins))
     return table
+
+
+_READ = {
+    "planners": lambda: [described(entry) for entry in entries().values()],
+    "problems": lambda: [_problem(name) for name in catalogue.problem_files()],
+    "robots": lambda: [_arm(name) for name in robots.arm_files()],
+}
+_TABLES = {"planners": _planner_table, "problems": _problem_table, "robots": _arm_table}

@@ -17,7 +17,7 @@ from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences
-from trajopt.cli.parameters import Json, ProblemName, Seed, number
+from trajopt.cli.parameters import WRITING, Json, ProblemName, Seed, Writing, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -42,19 +42,27 @@ def plan(
     planner: str | None = None,
     robot: RobotFlags = NO_FLAGS,
     seed: Seed = 0,
-    out: Path | None = None,
-    force: bool = False,
-    out_anyway: bool = False,
+    out: Writing[Path | None] = None,
+    force: Writing[bool] = False,
+    out_anyway: Writing[bool] = False,
     cycle: Annotated[
         float | None,
-        number("Control cycle, s; all points are on it. By default 0.001.", least=1e-6, most=1e3),
+        number(
+            "Control cycle, s; all points are on it. By default 0.001.",
+            least=1e-6,
+            most=1e3,
+            group=WRITING,
+        ),
     ] = None,
     rate: Annotated[
-        float | None, number("The same as cycles per second.", above=0, most=1e6)
+        float | None, number("The same as cycles per second.", above=0, most=1e6, group=WRITING)
     ] = None,
-    points: Points | None = None,
+    points: Writing[Points | None] = None,
     form: Annotated[
-        Form, Parameter(name="--as", help="A message, or a FollowJointTrajectory goal of it.")
+        Form,
+        Parameter(
+            name="--as", help="A message, or a FollowJointTrajectory goal of it.", group=WRITING
+        ),
     ] = "message",
     json: Json = False,
 ) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from trajopt.cli import console, kinds
-from trajopt.cli.parameters import beside, whole_number
+from trajopt.cli.parameters import Writing, beside, whole_number
 from trajopt.views import report as page
 from trajopt.views.results import Results
 
@@ -15,7 +15,7 @@ from trajopt.views.results import Results
 def report(
     folder: Path,
     *others: Path,
-    out: Path | None = None,
+    out: Writing[Path | None] = None,
     trajectories: Annotated[
         int, whole_number("Problems shown with their trajectories.", least=0)
     ] = 60,

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.suites.catalogue import Suite
-from trajopt.cli import console
+from trajopt.cli import console, examples
 from trajopt.cli.parameters import Json, whole_number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
@@ -22,6 +22,7 @@ app = cyclopts.App(
     name="suite",
     help="List benchmark suites, show their problems, write them as problem files.",
     help_format="plaintext",
+    help_epilogue=examples.in_words("suite"),
 )
 
 Name = Annotated[str, Parameter(help="Suite; see `trajopt suite list`.")]

@@ -1,0 +1,45 @@
+"""Two examples of every command, shown by its `--help`: lines of docs/commands.md, run by tests."""
+
+from __future__ import annotations
+
+# Command lines, by the command's name.
+EXAMPLES = {
+    "list": ("trajopt list", "trajopt list robots"),
+    "suite": ("trajopt suite list", "trajopt suite export robots my-suite"),
+    "new": ("trajopt new", "trajopt new mine.toml waypoints.csv --robot ur5e --unit deg"),
+    "plan": (
+        "trajopt plan six-axis --planner toppra",
+        "trajopt plan waypoints.csv --robot ur5e --unit deg --out motion.yaml",
+    ),
+    "compare": (
+        "trajopt compare six-axis --planner issa --planner toppra --seeds 3",
+        "trajopt compare --suite random-collinear --planner ruckig-stop --output out",
+    ),
+    "explain": (
+        "trajopt explain six-axis --planner toppra",
+        "trajopt explain six-axis --planner ./my_planner.py:MyPlanner",
+    ),
+    "judge": (
+        "trajopt judge theirs.csv my-robot.toml",
+        "trajopt judge theirs.csv my-robot.toml --via-tolerance 0.001",
+    ),
+    "certify": (
+        "trajopt certify six-axis",
+        "trajopt certify six-axis --family spline353",
+    ),
+    "claims": ("trajopt claims", "trajopt claims yu2022-aubo-ga"),
+    "best-known": ("trajopt best-known list", "trajopt best-known verify six-axis"),
+    "verify": ("trajopt verify out", "trajopt verify theirs.csv --limits my-robot.toml"),
+    "export": (
+        "trajopt export out --to csv --out trials.csv",
+        "trajopt export out --to latex --output tables",
+    ),
+    "report": ("trajopt report out", "trajopt report results my-results --out both.html"),
+    "diff": ("trajopt diff results my-results", "trajopt diff results results/results.h5"),
+}
+
+
+def in_words(command: str) -> str:
+    """Return the examples of a command as the end of its help."""
+    lines = "\n".join(f"  {line}" for line in EXAMPLES[command])
+    return f"Examples:\n{lines}"
