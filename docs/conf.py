@@ -1,24 +1,30 @@
 """Sphinx configuration. Build with `sphinx-build -W docs docs/_build`."""
 
 import sys
-from importlib.metadata import version as version_of
+from importlib.metadata import metadata
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 project = "mintime"
 author = "The mintime authors"
-version = release = version_of("mintime")
+_distribution = metadata("mintime")
+version = release = _distribution["Version"]
+# The addresses are those of [project.urls]; there are none before the release.
+_addresses = dict(url.split(", ", 1) for url in _distribution.get_all("Project-URL") or ())
+html_baseurl = _addresses.get("Documentation", "")
 
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "mathml",
     "generated",
+    "found",
 ]
 # The gallery writes a page and a notebook of each example; the page is the one that is read.
 exclude_patterns = ["_build", "examples", "gallery", "examples-gallery/*.ipynb"]
@@ -53,19 +59,27 @@ sphinx_gallery_conf = {
     "min_reported_time": 3600,
 }
 
+html_search_scorer = str(Path(__file__).parent / "_static" / "scorer.js")
 html_theme = "pydata_sphinx_theme"
 html_title = "mintime"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["sort.js"]
 # Pages that have no others below them, or hundreds beside them: no "Section Navigation".
-_ALONE = "motions robots planner notebook six-axis literature best-known report problems/* claims/*"
+_ALONE = "start results problems/* claims/* planners/*"
 html_sidebars = {page: [] for page in _ALONE.split()}
-html_show_sourcelink = False
+html_show_sourcelink = True  # a page's own text, offline
 html_theme_options = {
     "show_nav_level": 1,
     "navigation_with_keys": False,
+    "icon_links": [
+        {"name": name, "url": url, "icon": "fa-brands fa-github"}
+        for name, url in _addresses.items()
+        if name in ("Repository", "Source")
+    ],
     "footer_start": ["copyright"],
     "footer_end": [],
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": ["page-toc", "sourcelink"],
+    "navbar_align": "left",
+    "header_links_before_dropdown": 6,
 }
