@@ -1,4 +1,4 @@
-"""What search engines and previews read: a description and a picture of each page, and a sitemap."""
+"""What search engines and previews read: each page's description and picture, and a sitemap."""
 
 from __future__ import annotations
 

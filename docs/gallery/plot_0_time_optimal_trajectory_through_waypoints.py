@@ -7,6 +7,9 @@ stopping, and keeps the limits of velocity, acceleration and jerk at every insta
 Ruckig's open edition, which stops at every waypoint.
 """
 
+import numpy as np
+from matplotlib import pyplot as plt
+
 from trajopt import Limits, Problem, plan
 
 problem = Problem(
@@ -22,9 +25,6 @@ print(f"through the waypoints {fastest.duration:.3f} s, stopping {stopping.durat
 # A trajectory is a function of time: ``fastest(t)`` is its positions, ``fastest(t, 1)`` its
 # velocities, ``fastest(t, 2)`` and ``fastest(t, 3)`` its accelerations and jerks.
 # ``trajopt.write("motion.yaml", ...)`` makes a ROS message of it.
-
-import numpy as np
-from matplotlib import pyplot as plt
 
 figure, axes = plt.subplots(2, 1, figsize=(7, 4.5), sharex=True, layout="constrained")
 shown = {"minimum time": (fastest, "#0072B2"), "Ruckig, stopping": (stopping, "#E69F00")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -43,7 +43,7 @@ def list_(what: str = "", /, *, json: Json = False) -> int:
 def _one(name: str, *, as_json: bool) -> int:
     """List one planner, and the values of its options that its library knows."""
     if name not in entries():
-        raise UnknownName("planner", name, entries())
+        raise UnknownName("list or planner", name, [*_READ, *entries()])
     entry = entries()[name]
     row = described(entry)
     row["choices"] = entry.load().choices() if row["available"] else {}
@@ -181,7 +181,7 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> Grid:
     return table
 
 
-_READ = {
+_READ: dict[str, Callable[[], list[dict[str, Any]]]] = {
     "planners": lambda: [described(entry) for entry in entries().values()],
     "problems": lambda: [_problem(name) for name in catalogue.problem_files()],
     "robots": lambda: [_arm(name) for name in robots.arm_files()],

@@ -38,6 +38,7 @@ def test_a_problem_has_a_folder_with_a_picture_of_each_kind(trials, tmp_path):
         "durations.png",
         "convergence.png",
         "gaps.png",
+        "overlay.png",
         "motion-unoptimised.png",
         "motion-sleepy_deeply.png",
     }
@@ -64,6 +65,7 @@ def test_every_motion_is_written_on_request(trials, tmp_path):
         "durations",
         "convergence",
         "gaps",
+        "overlay",
         "motion-exact",
         "motion-unoptimised",
         "motion-sleepy_deeply",

@@ -35,7 +35,7 @@ from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
-from trajopt.views.figures.style import headline
+from trajopt.views.figures.style import KNOWN, headline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
 MOTIONS = 3  # so many planners' motions are drawn of a problem
+# Motions that readers look for, after those of their own planners.
+LOOKED_FOR = ("toppra", "ruckig-stop", "issa")
 NAME_LENGTH = 80  # characters of a file's name
 
 
@@ -53,8 +55,10 @@ def draw(trials: Sequence[Trial], folder: Path) -> list[Path]:
     """Draw every problem of a comparison into `folder/<problem>/`, as PNG.
 
     `durations`; `convergence` where planners keep a history; `gaps` where any ran more than once;
-    `motion-<label>` of the shortest, the middle and the longest planner that is no reference, of
-    several runs the median one. A folder whose figures show these trials is left as it is.
+    `overlay` of a few motions on one time axis, and `motion-<label>` of each: those of planners
+    from elsewhere (of many the shortest, the middle and the longest), then TOPP-RA's, Ruckig's and
+    ISSA's, then the shortest; of several runs the median one.
+    A folder whose figures show these trials is left as it is.
 
     Returns:
         The files. A figure that cannot be drawn is a warning.
@@ -229,6 +233,7 @@ def _pictures(
     title = headline(trials[0].problem.name)
     results = Tables(trials)
     yield "durations", partial(plots.durations, results.lines(), title)
+    yield from _overlay(trials, order)
     yield from _motions(trials, every_motion=every_motion)
     if curves := _convergence(trials):
         best = histories(trials).best
@@ -258,11 +263,7 @@ def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture
     """Yield a figure per planner, the optimum behind all but its own."""
     from trajopt.views.figures import motions
 
-    medians = []
-    for runs in by_label(trials).values():
-        run = median_run(runs)
-        if run:
-            medians.append(run)
+    medians = _medians(trials)
     labels = [trial.label for trial in medians]
     digests = [sha256(label.encode()).hexdigest() for label in labels]
     keys = list(zip(labels, digests, strict=True))
@@ -281,18 +282,52 @@ def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture
         yield f"motion-{names[trial.label]}", picture
 
 
+def _overlay(trials: Sequence[Trial], order: Sequence[str]) -> Iterator[Picture]:
+    """Yield the motions of a few planners and the optimum on one time axis."""
+    from trajopt.views.figures import overlay
+
+    medians = _medians(trials)
+    optimum, name = _optimum(trials)
+    shown = [
+        overlay.Motion(
+            trial.label, overlay.SPOKEN.get(trial.label, trial.label), trial.certified_trajectory
+        )
+        for trial in _telling(medians)
+        if trial.certified_trajectory is not None and trial.planner not in REFERENCES
+    ]
+    if optimum is not None:
+        shown.insert(0, overlay.Motion("exact", name, optimum))
+    if len(shown) > 1:
+        yield "overlay", partial(overlay.overlay, trials[0].problem, shown, order)
+
+
 def _telling(medians: Sequence[Trial]) -> list[Trial]:
-    """Return the shortest, the middle and the longest trial of the planners to be compared.
+    """Return the trials of the planners that readers look for.
 
     References are left out: they are drawn behind the others. Without others the first is kept.
     """
     references = {*REFERENCES, PROOF}
     compared = [trial for trial in medians if trial.planner not in references]
-    ordered = sorted(compared, key=_duration)
-    if len(ordered) <= MOTIONS:
-        return ordered or list(medians[:1])
-    middle = len(ordered) // 2
-    return [ordered[0], ordered[middle], ordered[-1]]
+    ordered = sorted(compared, key=lambda trial: (_interest(trial), _duration(trial)))
+    own = [trial for trial in ordered if _interest(trial) == 0]
+    if len(own) > MOTIONS:
+        return [own[0], own[len(own) // 2], own[-1]]
+    return sorted(ordered[:MOTIONS], key=_duration) or list(medians[:1])
+
+
+def _interest(trial: Trial) -> int:
+    """Return the rank of a planner's motion among those that are drawn."""
+    if trial.planner not in KNOWN:
+        return 0
+    if trial.planner in LOOKED_FOR:
+        return 1 + LOOKED_FOR.index(trial.planner)
+    return 1 + len(LOOKED_FOR)
+
+
+def _medians(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the median run of every planner that has an answer."""
+    runs = (median_run(own) for own in by_label(trials).values())
+    return [run for run in runs if run]
 
 
 def _title(trial: Trial, trials: Sequence[Trial]) -> str:

@@ -126,16 +126,17 @@ def _highest(
     axes: Axes, problem: Problem, trajectory: Trajectory, optimum: Trajectory | None
 ) -> None:
     """The highest use of any limit against time, filled; that of the optimum dashed."""
-    t, use = _highest_use(problem, trajectory)
+    t, use = highest_use(problem, trajectory)
     axes.fill_between(t, use, color=BLUE, alpha=0.35, lw=0)
     axes.plot(t, use, color=BLUE, lw=0.9, label="planner")
     if optimum:
-        t, use = _highest_use(problem, optimum)
+        t, use = highest_use(problem, optimum)
         axes.plot(t, use, color=VERMILION, ls=_LONG_DASHES, lw=1.0, label="optimum")
     axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
-def _highest_use(problem: Problem, trajectory: Trajectory) -> tuple[Array, Array]:
+def highest_use(problem: Problem, trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return times, s, and the highest use of any limit there: 1 is at the limit."""
     t = np.linspace(0, trajectory.duration, _SAMPLES)
     _, use = _use(problem, trajectory, t)
     return t, use.max(axis=0)

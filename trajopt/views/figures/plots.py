@@ -38,6 +38,7 @@ from trajopt.views.figures.style import (
     MARKERS,
     STYLE_SHEET,
     VERMILION,
+    places,
     plain,
     power_of_ten,
     text,
@@ -232,8 +233,7 @@ def convergence(
     shade = min(0.18, 0.9 / len(curves))  # many bands would hide the curves
     known = order or sorted(curves)
     for label, (spent, quartiles) in bounded(curves).items():
-        marker = MARKERS[known.index(label) % len(MARKERS)]
-        look = planner_look(label, known) | {"marker": marker}
+        look = planner_look(label, known) | {"marker": planner_mark(label, known)}
         band(above, spent, quartiles, shade, look)
         if best:
             excess = 100 * (quartiles / best - 1)
@@ -261,12 +261,17 @@ def convergence(
 
 def planner_look(label: str, order: Sequence[str]) -> Look:
     """Colour and dashes of a planner, the same in every figure of a comparison."""
-    place = order.index(label)
+    place = places(order)[label]
     return {
         "label": wrapped(label),
         "color": CURVES[place % len(CURVES)],
         "ls": DASHES[place % len(DASHES)],
     }
+
+
+def planner_mark(label: str, order: Sequence[str]) -> str:
+    """Mark of a planner, the same in every figure of a comparison."""
+    return MARKERS[places(order)[label] % len(MARKERS)]
 
 
 def band(axes: Axes, spent: Array, quartiles: Array, shade: float, look: Look) -> None:

@@ -1,11 +1,14 @@
 """Colours, line styles, quantities and texts that figures and the report share.
 
-Colours are Okabe and Ito's, which colour-blind readers can distinguish; line styles and markers
-distinguish the same curves in grey. This module does not import Matplotlib.
+Colours are Okabe and Ito's, which colour-blind readers can distinguish, the light ones darkened to
+3:1 on white; line styles and markers distinguish the same curves in grey. A planner of this toolkit
+has one colour and mark everywhere. This module does not import Matplotlib.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import count
 from math import log10
 from typing import Any
 
@@ -15,13 +18,20 @@ BLACK = "#000000"
 BLUE = "#0072B2"
 VERMILION = "#D55E00"
 GREEN = "#009E73"
-ORANGE = "#E69F00"
-PURPLE = "#CC79A7"
-SKY = "#56B4E9"
+ORANGE = "#BF8300"
+PURPLE = "#C8709F"
+SKY = "#3399CC"
 GREY = "#8C8C8C"
 CURVES = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK, SKY)
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+
+# Planners with a look of their own, by its place.
+KNOWN = (
+    *("exact", "issa", "toppra", "ruckig-stop", "pso", "unoptimised", "ssa"),
+    *("spline353-nlp", "ruckig-search", "exact-jerk", "collocation", "certify", "cmaes", "de"),
+    *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg"),
+)
 
 QUANTITIES: tuple[LimitName, ...] = ("position", "velocity", "acceleration", "jerk")
 """By the order of the derivative; `Problem.unit` has their units."""
@@ -50,6 +60,15 @@ STYLE_SHEET: dict[Any, Any] = {
     "svg.hashsalt": "trajopt",
     "pdf.fonttype": 42,  # TrueType: what publishers accept
 }
+
+
+def places(labels: Iterable[str]) -> dict[str, int]:
+    """Return the place of each planner's look: its own, or the next one that nobody here has."""
+    order = list(labels)
+    taken = {label: KNOWN.index(label) for label in order if label in KNOWN}
+    used = set(taken.values())
+    free = (place for place in count() if place not in used)
+    return {label: taken[label] if label in taken else next(free) for label in order}
 
 
 def text(name: str) -> str:

@@ -11,9 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from trajopt.views.analysis.curves import GAP_FLOOR, Curves
-from trajopt.views.figures.plots import Picture, band, log_percent, planner_look, styled, wrapped
+from trajopt.views.figures.plots import (
+    Picture,
+    band,
+    log_percent,
+    planner_look,
+    planner_mark,
+    styled,
+    wrapped,
+)
 from trajopt.views.figures.sampling import bounded
-from trajopt.views.figures.style import MARKERS, plain, power_of_ten
+from trajopt.views.figures.style import plain, power_of_ten
 
 Counts = Mapping[str, str]
 
@@ -77,8 +85,7 @@ def anytime(curves: Curves, order: Sequence[str], cost: str) -> Figure:
             continue
         low, middle, high = drawn
         axes.vlines(spent, low, high, color=look["color"], lw=0.8)
-        marker = MARKERS[order.index(label) % len(MARKERS)]
-        axes.plot(spent, middle, **look | {"ls": "", "marker": marker})
+        axes.plot(spent, middle, **look | {"ls": "", "marker": planner_mark(label, order)})
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
     log_percent(axes.yaxis)

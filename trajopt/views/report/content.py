@@ -20,7 +20,7 @@ from trajopt.views.analysis import statistics
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
-from trajopt.views.figures.style import BLACK, CURVES
+from trajopt.views.figures.style import BLACK, CURVES, places
 from trajopt.views.report import lines, origin
 
 NO_REFERENCE = "No reference: gaps are unknown."
@@ -155,7 +155,7 @@ class Page:
         order = sorted(self.labels)  # as figures have it
         for line in self.results.planners().itertuples():
             row = {"label": line.Index, "options": self._options(line.Index)}
-            row |= look(order.index(line.Index))
+            row |= look(places(order)[line.Index])
             row |= lines.over_all(line)
             rows.append(row)
         return rows

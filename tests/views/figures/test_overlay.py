@@ -1,0 +1,66 @@
+"""The first picture: motions on one time axis, labelled, with the hardest used limit below."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trajopt import Limits, Problem
+from trajopt.planners.registry import load
+from trajopt.views.figures import overlay
+from trajopt.views.figures.style import CURVES, KNOWN, places
+
+PROBLEM = Problem([[0.0, 0.0], [0.2, 1.0], [0.3, 2.0]], Limits([1.0, 1.0], [2.0, 2.0]), "two")
+
+
+def motion(name):
+    return overlay.Motion(name, name, load(name).solve(PROBLEM, seed=0).trajectory)
+
+
+@pytest.fixture
+def figure():
+    return overlay.overlay(PROBLEM, [motion("exact"), motion("ruckig-stop")])
+
+
+def test_it_shows_the_joint_whose_way_takes_longest(figure):
+    """Joint 2 moves 2 rad, joint 1 0.3 rad; both at 1 rad/s at most."""
+    upper, _ = figure.axes
+    assert upper.get_ylabel() == "joint 2 (deg)"
+    line = upper.lines[0]
+    assert line.get_ydata()[-1] == pytest.approx(np.degrees(2.0))
+
+
+def test_durations_and_the_ratio_are_said(figure):
+    """One joint over 1 + 1 rad: 2/1 + 1/2 = 2.5 s without a stop, 2 (1/1 + 1/2) = 3 s with one."""
+    upper, lower = figure.axes
+    said = [text.get_text() for text in upper.texts]
+    assert said == ["exact\n2.50 s", "ruckig-stop\n3.00 s"]
+    assert "ruckig-stop takes 20.0 % more than the optimum" in upper.get_title(loc="left")
+    assert lower.lines[0].get_ydata().max() == pytest.approx(100, abs=0.1)
+
+
+def test_labels_do_not_touch_and_are_inside(figure):
+    figure.draw_without_rendering()
+    upper, _ = figure.axes
+    boxes = [text.get_window_extent() for text in upper.texts]
+    assert not boxes[0].overlaps(boxes[1])
+    assert all(figure.bbox.contains(box.x0, box.y0) for box in boxes)
+
+
+def test_a_planner_of_the_toolkit_has_one_look_in_every_comparison():
+    for order in (["exact", "mine", "toppra"], ["issa", "toppra", "yours"], ["toppra"]):
+        assert places(order)["toppra"] == KNOWN.index("toppra")
+    many = [*KNOWN, *(f"mine-{i}" for i in range(8))]
+    assert sorted(places(many).values()) == list(range(len(many)))
+
+
+def luminance(colour):
+    """Of sRGB, as WCAG defines it."""
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    red, green, blue = [p / 12.92 if p <= 0.03928 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+@pytest.mark.parametrize("colour", CURVES)
+def test_colours_have_a_contrast_of_three_on_white(colour):
+    assert 1.05 / (luminance(colour) + 0.05) >= 3

@@ -1,0 +1,147 @@
+"""Motions of several planners on one time axis: one joint's position, the hardest used limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.views.figures.explanation import highest_use
+from trajopt.views.figures.plots import Look, Picture, planner_look, styled
+from trajopt.views.figures.sampling import curve
+from trajopt.views.figures.style import text
+
+WIDTH_IN = 7.2
+HEIGHT_IN = 4.8
+LABEL_LINE = 0.075  # of the upper panel's height
+LABEL_CHARACTER = 0.011  # of the panel's width, roughly a character's
+FULL = 105.0  # %, of the axis of used limits
+
+
+# Names for readers who do not know this toolkit's.
+SPOKEN = {
+    "toppra": "TOPP-RA",
+    "ruckig-stop": "Ruckig, stopping",
+    "ruckig-search": "Ruckig, searched",
+    "issa": "ISSA + 3-5-3",
+    "ssa": "SSA + 3-5-3",
+    "pso": "PSO + 3-5-3",
+    "spline353-nlp": "best 3-5-3",
+    "unoptimised": "3-5-3, unoptimised",
+}
+
+
+class Motion(NamedTuple):
+    """A motion that is shown.
+
+    Attributes:
+        planner: Whose look it has.
+        name: As it is labelled.
+        trajectory: Within the limits.
+    """
+
+    planner: str
+    name: str
+    trajectory: Trajectory
+
+
+@styled
+def overlay(
+    problem: Problem, motions: Sequence[Motion], order: Sequence[str] = (), title: str = ""
+) -> Figure:
+    """Draw one joint of several motions against time, with their waypoints and durations.
+
+    Below, the hardest used limit: where it is under 100 %, time is lost. The joint is the one whose
+    way takes longest at its full velocity.
+
+    Args:
+        problem: Has the limits and waypoints.
+        motions: The optimum first.
+        order: All planners of the comparison, which have their colours in this order.
+        title: Over the figure; by default how the longest and the shortest motion compare.
+    """
+    figure = Picture(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    joint = _busiest(problem)
+    angular = problem.joint_units[joint] == "rad" if problem.joint_units else True
+    scale = np.degrees(1.0) if angular else 1.0
+    labels = [motion.planner for motion in motions]
+    known = [*order, *(label for label in labels if label not in order)]
+    ends = []
+    for motion in motions:
+        colour = planner_look(motion.planner, known)["color"]
+        look: Look = {"color": colour, "lw": 2.0}
+        trajectory = motion.trajectory
+        times, positions = curve(trajectory, 0)
+        upper.plot(times, scale * positions[:, joint], **look)
+        passed = trajectory.waypoint_times
+        places = scale * problem.waypoints[:, joint]
+        upper.plot(passed, places, "o", mec=colour, mfc="white", ms=5, mew=1.2, zorder=3)
+        times, use = highest_use(problem, trajectory)
+        lower.plot(times, 100 * use, color=colour, lw=1.4)
+        said = f"{text(motion.name)}\n{trajectory.duration:.2f} s"
+        ends.append((trajectory.duration, float(places[-1]), said, colour))
+    longest = max(motion.trajectory.duration for motion in motions)
+    upper.set_xlim(-0.02 * longest, 1.12 * longest)
+    _name_ends(upper, ends)
+    unit = "deg" if angular else problem.unit(joint)
+    upper.set_ylabel(f"{problem.joint_labels[joint]} ({unit})")
+    lower.set_ylabel("hardest used limit (%)")
+    lower.set_xlabel("time (s)")
+    lower.set_ylim(0, FULL)
+    upper.set_title(text(title or _said(problem, motions)), loc="left", fontsize=9)
+    return figure
+
+
+def _busiest(problem: Problem) -> int:
+    """Return the joint whose way takes longest at its full velocity."""
+    way = np.abs(problem.displacements).sum(axis=0)
+    return int(np.argmax(way / problem.limits.velocity.max(axis=1)))
+
+
+def _said(problem: Problem, motions: Sequence[Motion]) -> str:
+    """Say how the motions compare."""
+    durations = [motion.trajectory.duration for motion in motions]
+    longest = int(np.argmax(durations))
+    ratio = durations[longest] / min(durations)
+    more = f"{ratio:.1f} times" if ratio > 1.5 else f"{100 * (ratio - 1):.1f} % more than"
+    name = motions[longest].name
+    best = motions[int(np.argmin(durations))]
+    shortest = "the optimum" if best.planner == "exact" else best.name
+    waypoints = f"Same {len(problem.waypoints)} waypoints, same limits"
+    return f"{waypoints}: {name} takes {more} {shortest}"
+
+
+def _name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
+    """Write each motion's name and duration below its end; names that would touch go lower."""
+    low, high = axes.get_ylim()
+    left, right = axes.get_xlim()
+    rows: list[float] = []  # where each row of names ends, relative to the width
+    placed = []
+    for time, _, said, colour in sorted(ends):
+        width = LABEL_CHARACTER * max(map(len, said.splitlines()))
+        centre = min((time - left) / (right - left), 1 - width / 2)
+        row = next((i for i, end in enumerate(rows) if end < centre - width / 2), len(rows))
+        if row == len(rows):
+            rows.append(0.0)
+        rows[row] = centre + width / 2 + LABEL_CHARACTER
+        placed.append((centre, row, said, colour))
+    needed = 2.2 * LABEL_LINE * len(rows)
+    span = (high - low) / (1 - needed)
+    lowest = min(end[1] for end in ends)
+    falls = lowest < 0.5 * (low + high)
+    shown = [tick for tick in axes.get_yticks() if low <= tick <= high]
+    axes.set_yticks(shown)
+    axes.set_ylim((high - span, high) if falls else (low, low + span))
+    for centre, row, said, colour in placed:
+        height = needed - 2.2 * LABEL_LINE * row - 0.02
+        if not falls:
+            height = 1 - needed + 2.2 * LABEL_LINE * (len(rows) - row) - 0.02
+        axes.text(
+            centre, height, said, color=colour, ha="center", va="top", transform=axes.transAxes
+        )
