@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import KINDS, LIMIT_NAMES
+from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
@@ -49,7 +49,9 @@ class Certify(Planner):
                 raise InvalidInput(name, "a positive number", value=getattr(self, name))
 
     def relation(self, problem: Problem) -> Relation:
-        return Relation.SAME if self.family == "free" else Relation.RESTRICTION
+        if self.family != "free":
+            return Relation.RESTRICTION
+        return Relation.RELAXATION if self.unknown(problem) else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
         return None if self.family == "free" else spline353.unsupported(problem)
@@ -75,9 +77,6 @@ class Certify(Planner):
             stats |= bound.proof.arrays()
         lower_bound = bound.lower_bound if self.family == "free" else None
         message = self._message(bound)
-        left_out = [KINDS[key].name() for key in self.unknown(problem)]
-        if left_out:
-            message += f"; proved without the {' and '.join(left_out)} limits"
         if bound.trajectory is None:
             return Solution(Status.INVALID, None, message, lower_bound, stats=stats)
         return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)

@@ -218,17 +218,20 @@ def test_a_larger_jump_is_no_motion_and_the_slow_down_is_said_beside_it(run):
 
 
 def test_a_motion_that_breaks_the_arms_own_limits_is_not_written(run):
-    """`two`'s joint may move at √(2·1·x) − 0.1 at a distance x from 1.05 rad: less than 2."""
+    """`two`'s joint may move at √(2·1·x) − 0.1 at a distance x from 1.05 rad: not at all at 1.048.
+
+    Nearer by 1.05 − 1 it may, and the motion is slowed down as far as that needs.
+    """
     own = '<position_based_velocity_limits velocity_offset="0.1" deceleration_limit="1"/>'
     limit = 'lower="-3" upper="1.05" velocity="2" effort="1"'
     text = robot(joint("two", limit, own))
-    files = {"r__urdf": text, "w__csv": "two\n0\n1\n"}
+    files = {"r__urdf": text, "w__csv": "two\n0\n1.048\n"}
     line = "plan w.csv --urdf r.urdf --acceleration 4 --unit rad --planner exact --out m.csv"
     code, out, err = run(line, **files)
     assert code == 1
     assert not Path("m.csv").exists()
-    assert "m.csv is not written: the motion breaks the arm's own velocity limits" in err
-    assert "It breaks the arm's own velocity limits" in " ".join(out.split())
+    assert "m.csv is not written: the motion breaks falling velocity limits" in err
+    assert re.search(r"falling velocity +no motion allowed +two", out)
     assert "keeps every limit" not in out
     assert run(f"{line} --force", **files)[0] == 1  # overwrites, and nothing else
     assert not Path("m.csv").exists()
@@ -236,6 +239,10 @@ def test_a_motion_that_breaks_the_arms_own_limits_is_not_written(run):
     assert code == 0
     assert Path("m.csv").exists()
     assert "it keeps every other limit" in " ".join(out.split())
+    code, out, _ = run(f"{line} --force", **{**files, "w__csv": "two\n0\n1\n"})
+    assert (code, "keeps every limit" in " ".join(out.split())) == (0, True)
+    code, out, _ = run("verify m.csv --urdf r.urdf --acceleration 4")
+    assert code == 0
     slow = {**files, "w__csv": "two\n-2.9\n-2.8\n"}
     code, out, _ = run(f"{line} --force", **slow)
     assert (code, "keeps every limit" in " ".join(out.split())) == (0, True)

@@ -41,7 +41,7 @@ def outcome(read, path):
             own = read(path)
             if own.unsound:
                 return str(own.unsound["j"])
-            return own.joints["j"], own.falling_velocity, " ".join(str(w.message) for w in caught)
+            return own.joints["j"], str(own.others), " ".join(str(w.message) for w in caught)
         except InvalidInput as error:
             return str(error)
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from trajopt.core.exceptions import InvalidInput, UnitWarning, UnknownName
-from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
@@ -238,11 +237,12 @@ def test_only_the_joints_that_waypoints_name_must_be_sound(tmp_path):
 def test_a_urdf_s_falling_velocity_limit_belongs_to_its_range_not_to_soft_limits(tmp_path):
     path = written(tmp_path, "r.urdf", URDF.replace("</joint>", FRANKA + "</joint>", 1))
     robot = urdf.read(path)
-    expected = {"one": FallingVelocity(0.3, 6.0, -1.0, 2.0)}
-    assert robot.falling_velocity == expected
     assert robot.joints["one"]["position"] == (-0.5, 2)
-    described = robot.described(["turning", "one"])
-    assert described["falling_velocity"] == [None, robot.falling_velocity["one"]]
+    whole = robot.with_acceleration(1.0)
+    numbers = whole.limits(["turning", "one"]).kinds["falling_velocity"].numbers
+    assert numbers[1].tolist() == [0.3, 6.0, -1.0, 2.0]
+    assert np.isnan(numbers[0]).all()
+    assert "falling_velocity" not in whole.limits(["turning"]).kinds
 
 
 # --- metres are no degrees ---

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Record
 from trajopt.benchmark.suites import catalogue
@@ -28,14 +30,15 @@ class Best:
         trial: The planner's trial.
         relaxed: Shortest duration known without the limits that the planner ignores, s.
         proved: Lower bound, proved in closed form or in the record, s.
-        stopping: Duration of the motion that stops at every waypoint, s.
+        stopping: Duration of the motion that stops at every waypoint, s; None where a limit counts
+            that it does not know.
         record: The best known answer of the problem, or None.
     """
 
     trial: Trial
     relaxed: float | None
     proved: float
-    stopping: float
+    stopping: float | None
     record: Record | None = None
 
     def as_dict(self) -> dict[str, float | None]:
@@ -52,10 +55,11 @@ def best(problem: Problem, seed: int) -> Best:
     """Ask the best planners in turn, until an answer keeps all limits.
 
     The first planners ignore limits that they do not know. If their answer keeps these limits too,
-    no faster motion is known. If not, the answers of the others are compared with it.
+    no faster motion is known. If not, the answers of the others are compared with it: the shortest
+    counts, dilated where it breaks a limit that no planner knows.
     """
     relaxed: float | None = None
-    trial = None
+    trials: list[Trial] = []
     reasons = []
     for name in best_planners(problem):
         try:
@@ -64,12 +68,15 @@ def best(problem: Problem, seed: int) -> Best:
             reasons.append(str(error))
             continue
         trial = judge(planner, problem, [seed], own_name)[0]
+        trials.append(trial)
+        ignores = bool(planner.unknown(problem))
         if relaxed is None:
-            relaxed = trial.relaxed_duration
-        if trial.certified_duration is not None:
+            relaxed = trial.claimed_duration if ignores and not trial.feasible else None
+        if trial.certified_duration is not None and (trial.feasible or not ignores):
             break
-    if trial is None:
+    if not trials:
         raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
+    trial = min(reversed(trials), key=lambda own: own.certified_duration or np.inf)
     proved = end_to_end_bound(problem)
     record = records.find(problem)
     if record is not None:
@@ -78,7 +85,7 @@ def best(problem: Problem, seed: int) -> Best:
         trial=trial,
         relaxed=relaxed,
         proved=proved,
-        stopping=float(stop_times(problem).sum()),
+        stopping=None if problem.limits.others else float(stop_times(problem).sum()),
         record=record,
     )
 

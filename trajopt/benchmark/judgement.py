@@ -28,7 +28,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.limits import FallingVelocity, Limits
+from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -41,7 +41,6 @@ from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
 from trajopt.judging.evidence import DEFAULT_WINDOW_S, Evidence
 from trajopt.judging.evidence import passing as through
-from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.smoothness import Smoothness, smoothness
 from trajopt.judging.verification import Certificate, verify
@@ -77,12 +76,6 @@ class Execution:
         return within or self.motion.trajectory
 
     @cached_property
-    def excess(self) -> Excess | None:
-        """Excess over the arm's own falling velocity limits; None if the arm has none."""
-        limits = self.problem.falling_velocity
-        return excess(limits, self.executed) if limits else None
-
-    @cached_property
     def smoothness(self) -> Smoothness | None:
         """Integrals of the motion, slowed down as far as it needs; None with a flaw."""
         if not self.certificate.valid:
@@ -92,10 +85,10 @@ class Execution:
 
     @property
     def kept(self) -> bool:
-        """Tell if the motion keeps every limit without a slow-down, the arm's own limits too."""
+        """Tell if the motion keeps every limit without a slow-down."""
         if self.evidence is not None:
             return self.evidence.verdict == "kept"
-        return self.certificate.feasible and (self.excess is None or self.excess.kept)
+        return self.certificate.feasible
 
     @property
     def broken(self) -> bool:
@@ -114,7 +107,6 @@ class Execution:
             "dilation": self.certificate.dilation,
             "certified_duration": self.certificate.certified_duration,
             "smoothness": self.smoothness and self.smoothness.as_dict(),
-            "falling_velocity": self.excess and self.excess.as_dict(),
             "certificate": self.certificate.as_dict(),
             "evidence": self.evidence and self.evidence.as_dict(),
         }
@@ -327,7 +319,6 @@ def as_executed(
     limits: Limits,
     *,
     joint_units: Sequence[str] = (),
-    falling_velocity: Sequence[FallingVelocity | None] = (),
     accelerations: bool = True,
     log: LogOptions | None = None,
 ) -> Execution:
@@ -340,7 +331,6 @@ def as_executed(
         motion: What is executed.
         limits: Of its joints, in its order.
         joint_units: "rad" or "m" per joint, as a `Problem` has them.
-        falling_velocity: The arm's own, as a `Problem` has them.
         accelerations: Whether accelerations are judged. If not, their limits are only the scale of
             the jumps of velocity that are repaired.
         log: How to judge a log by what its digits tell; None for a motion that is executed as it
@@ -370,7 +360,6 @@ def as_executed(
         name=motion.name,
         joint_names=motion.joint_names,
         joint_units=joint_units or motion.joint_units,
-        falling_velocity=falling_velocity,
     )
     motion.check_units(problem)
     _warn_of_units(problem, motion.trajectory(times))
@@ -385,7 +374,9 @@ def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:
     told = found.evidence
     if told is None or told.verdict != "kept":
         return told
-    kept = found.excess is None or found.excess.kept
+    certificate = found.certificate
+    uses = [certificate.uses[key].value for key in found.problem.limits.others]
+    kept = max(uses, default=0.0) <= 1 + certificate.tolerance.limit
     return told if kept and valid else replace(told, verdict="cannot be told")
 
 
@@ -444,7 +435,7 @@ class GivenMotion(Planner):
 
     motion: Motion
 
-    knows = ("velocity", "acceleration", "jerk", "position")
+    drops = True  # no limit is planned for: all are judged
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the motion with the times at which it comes closest to the waypoints, in order."""

@@ -410,7 +410,7 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certific
         certificate = verify(problem, solution.trajectory)
     except InvalidTrajectory as error:
         return Status.INVALID, str(error), None
-    if certificate.valid and solution.status is Status.RELAXED:
+    if solution.status is Status.RELAXED and certificate.valid and certificate.nearly_feasible:
         return Status.SOLVED, "", certificate  # it keeps the ignored limits all the same
     if certificate.valid or solution.status is not Status.SOLVED:
         return solution.status, solution.message, certificate

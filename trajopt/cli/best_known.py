@@ -23,7 +23,6 @@ from trajopt.cli.verify import report
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.formats.motion import ENDINGS
-from trajopt.judging.falling_velocity import caveats
 
 app = cyclopts.App(
     name="best-known",
@@ -59,8 +58,6 @@ def list_(*problems: ProblemNames, registry: Registry = None, json: Json = False
         console.print_json({"records": rows})
         return 0
     _print_list(found)
-    for sentence in caveats(asked):
-        console.paragraph(sentence)
     if not problems:
         console.paragraph()
         _print_suites({problem.digest(): record for problem, record in found})

@@ -28,7 +28,8 @@ def sentences(found: Best) -> Iterator[str]:
     duration = found.trial.certified_duration
     if duration is None:
         return
-    yield f"{_planner(found.trial)} {_quality(found, duration)} {_saving(found, duration)}"
+    said = [_planner(found.trial), _quality(found, duration), _saving(found, duration)]
+    yield " ".join(filter(None, said))
     if not problem.has("jerk"):
         yield f"A real controller wants jerk limits too: {ADD_JERK_LIMITS}"
 
@@ -36,6 +37,10 @@ def sentences(found: Best) -> Iterator[str]:
 def _planner(trial: Trial) -> str:
     """Describe the planner."""
     name = trial.planner
+    others = [own.name() for own in trial.problem.limits.others.values()]
+    if others:
+        mended = "which keeps them" if trial.feasible else f"{trial.dilation:.6g} times slower"
+        return f"No planner knows {' and '.join(others)} limits: this is {name}'s answer, {mended}."
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."
     kinds = [KINDS[key].name() for key in trial.problem.limits.kinds]
@@ -44,7 +49,9 @@ def _planner(trial: Trial) -> str:
 
 
 def _saving(found: Best, duration: float) -> str:
-    """Compare the answer with stopping at every waypoint."""
+    """Compare the answer with stopping at every waypoint, where that keeps every limit."""
+    if found.stopping is None:
+        return ""
     saved = 100 * (1 - duration / found.stopping)
     if saved < MIN_SAVING_PERCENT:
         return "Stopping at every waypoint takes as long."

@@ -33,7 +33,6 @@ from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem
-from trajopt.judging.falling_velocity import caveats
 from trajopt.planners.registry import entries, named
 from trajopt.planners.registry import label as label_of
 from trajopt.views.analysis.gap_reference import improvements
@@ -150,8 +149,6 @@ def _show(results: Results, problems: Sequence[Problem], folder: Path, rival: st
             files.append(f"figures: {folder / 'figures'} ({len(figures)} files)")
     if rival is not None:
         versus.show(results, rival)
-    for sentence in caveats(problems):
-        console.paragraph(sentence)
     _warn(results)
     for file in files:
         console.line(file)

@@ -22,7 +22,6 @@ from trajopt.core.solution import Status
 from trajopt.explain import decomposition
 from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
-from trajopt.judging.falling_velocity import caveats
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import named
@@ -75,8 +74,6 @@ def explain(
         console.print_json(names | found.as_dict() | {"figures": figures})
         return 0
     for sentence in _sentences(trial, found, median=seed is None and chosen.stochastic):
-        console.paragraph(f"- {sentence}")
-    for sentence in caveats([trial.problem]):
         console.paragraph(f"- {sentence}")
     pictures = ", ".join(figure.name for figure in figures if figure.suffix == ".png")
     console.line(f"figures: {pictures} in {figures[0].parent}")

@@ -160,7 +160,7 @@ def _print(found: Judgement) -> None:
     times = found.trajectory.waypoint_times
     print_durations(found.claimed_duration, found.certified_duration, times)
     print_smoothness(found.smoothness, found.problem)
-    print_worst(found.certificate, found.excess, found.problem)
+    print_worst(found.certificate, found.problem)
 
 
 def _verdict(found: Judgement) -> Iterator[str]:

@@ -131,7 +131,6 @@ def _arm(name: str) -> dict[str, Any]:
         "description": arm.description,
         "joint_names": list(arm.joint_names),
         "limits": {kind: origin.status for kind, origin in arm.origins.items()},
-        "falling_velocity": bool(arm.falling_velocity),
     }
 
 
@@ -173,8 +172,6 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> Grid:
     table = console.table("robot", "joints", "limits, and how they are known")
     for arm in arms:
         origins = [f"{kind} ({status})" for kind, status in arm["limits"].items()]
-        if arm["falling_velocity"]:
-            origins.append("constant velocity limits; the arm allows less near its position limits")
         name = console.bold(arm["name"])
         joints = len(arm["joint_names"])
         table.row(name, joints, ", ".join(origins))

@@ -84,9 +84,7 @@ def new(
 
 
 def _stated(problem: Problem, robot: Robot, units: Sequence[str]) -> str:
-    """The text of a problem; a built-in arm has its name there, for what only the arm says."""
+    """The text of a problem; a built-in arm has its name there."""
     if robot.limits is None and robot.robot is not None:
         return f'robot = "{robot.robot}"\n{problem_file.text(problem, units)}'
-    if problem.falling_velocity:
-        console.note("its velocity limits that fall near position limits are not in a problem file")
     return problem_file.text(problem, units)

@@ -22,9 +22,8 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.formats import yaml_file
-from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.smoothness import Smoothness, unit
-from trajopt.judging.verification import Certificate
+from trajopt.judging.verification import Certificate, verify
 from trajopt.planners.registry import named
 from trajopt.views import table_cells
 from trajopt.views.export import motion_file
@@ -75,7 +74,7 @@ def plan(
         planner: NAME or FILE.py:NAME, as `trajopt explain`; by default the best one.
         out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
         force: Overwrite the file of --out.
-        out_anyway: Write a motion that breaks a limit that no planner here keeps.
+        out_anyway: Write a motion that breaks a limit which no slow-down mends.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
@@ -97,22 +96,22 @@ def plan(
         print_trial(trial, problem)
         for sentence in sentences(found) if found else _without_jerk(trial):
             console.paragraph(sentence)
-    broken = _broken(trial) and not out_anyway
-    code = 0 if trial.is_answered and not broken else 1
-    if target is not None and broken and target.path.suffix != ".h5":
-        console.note(
-            f"{out} is not written: the motion breaks the arm's own velocity limits; --out-anyway "
-            "writes it"
-        )
-    elif target is not None and not trial.certified_trajectory and target.path.suffix != ".h5":
+    broken = _unmended(trial)
+    code = 0 if trial.is_answered and not (broken and not out_anyway) else 1
+    written = _without(trial, broken)
+    if target is not None and broken and not out_anyway and target.path.suffix != ".h5":
+        names = " and ".join(KINDS[key].name() for key in broken)
+        console.note(f"{out} is not written: the motion breaks {names} limits; --out-anyway does")
+    elif target is not None and not written.certified_trajectory and target.path.suffix != ".h5":
         console.note(f"{out} is not written: no certified trajectory")
         code = 1
     elif target is not None:
         units = asked.units(problem, robot)
-        executed = motion_file.write(replace(target, units=units), trial)
+        executed = motion_file.write(replace(target, units=units), written)
         table["out"] = {"file": out} | (executed.as_dict() if executed else {})
         if not json:
-            console.paragraph(_written(target, trial, executed))
+            every = "every other limit" if broken else "every limit"
+            console.paragraph(_written(target, written, executed, every))
         if target.goal and not json:
             console.line(f"Send it: {_sending(target.path)}")
     if json:
@@ -120,10 +119,19 @@ def plan(
     return code
 
 
-def _broken(trial: Trial) -> bool:
-    """Return whether the certified motion breaks limits that no planner keeps."""
-    limits, motion = trial.problem.falling_velocity, trial.certified_trajectory
-    return bool(limits) and motion is not None and not excess(limits, motion).kept
+def _unmended(trial: Trial) -> list[str]:
+    """Return the keys of the limits that the motion breaks however it is slowed down."""
+    uses = trial.certificate.uses if trial.certificate else {}
+    return [key for key, use in uses.items() if use.value == np.inf]
+
+
+def _without(trial: Trial, keys: list[str]) -> Trial:
+    """Return the trial, judged without these limits."""
+    motion = trial.solution.trajectory
+    if not keys or motion is None:
+        return trial
+    lifted = trial.problem.without(*keys)
+    return replace(trial, problem=lifted, certificate=verify(lifted, motion))
 
 
 def _without_jerk(trial: Trial) -> Iterator[str]:
@@ -140,12 +148,11 @@ def _cycle(cycle: float | None, rate: float | None) -> float:
     return max(round(seconds, 9), 1e-6)
 
 
-def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
+def _written(target: Target, trial: Trial, executed: Executed | None, every: str) -> str:
     """Tell what was written, and how a controller executes it."""
     if executed is None:
         return f"{target.path} is written."
     certificate = executed.certificate
-    every = "every other limit" if _broken(trial) else "every limit"
     return (
         f"{target.path}: {executed.points} points, {executed.duration:.6g} s "
         f"({100 * executed.longer:.2f} % longer, for whole cycles of {target.cycle:g} s). Read "
@@ -205,10 +212,7 @@ def print_trial(trial: Trial, problem: str) -> None:
     )
     print_smoothness(trial.smoothness, trial.problem)
     if trial.certificate:
-        found = None
-        if certified is not None and trial.problem.falling_velocity:
-            found = excess(trial.problem.falling_velocity, certified)
-        print_worst(trial.certificate, found, trial.problem)
+        print_worst(trial.certificate, trial.problem)
 
 
 def print_durations(
@@ -227,8 +231,8 @@ def print_durations(
         console.paragraph(f"  waypoints   {', '.join(times)} s")
 
 
-def print_worst(certificate: Certificate, found: Excess | None, problem: Problem) -> None:
-    """Print the worst value of each kind, and whether the arm's own velocity limits are kept."""
+def print_worst(certificate: Certificate, problem: Problem) -> None:
+    """Print the worst use of each limit, the worst miss and the worst jump."""
     table = console.table("worst", "value", "joint", "time [s]")
     for key, use in certificate.uses.items():
         joint = "" if use.joint is None else _short_label(problem, use.joint)
@@ -240,8 +244,6 @@ def print_worst(certificate: Certificate, found: Excess | None, problem: Problem
         value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
         table.row(name, value, _short_label(problem, worst.joint), f"{worst.time:.6f}")
     console.OUT.print(table)
-    if found is not None:
-        console.paragraph(_own_velocity_limits(found, problem))
 
 
 def _short_label(problem: Problem, joint: int) -> str:
@@ -264,17 +266,3 @@ def print_smoothness(found: Smoothness | None, problem: Problem) -> None:
         else:
             text = "infinite"
         console.paragraph(f"  {f'∫ {name}²':<16}{text}")
-
-
-def _own_velocity_limits(found: Excess, problem: Problem) -> str:
-    """Tell whether a motion keeps velocity limits that fall near the position limits."""
-    limits = "the arm's own velocity limits, which fall near its position limits"
-    if found.kept:
-        return f"It keeps {limits}."
-    unit = problem.unit(found.joint, order=1)
-    joint = problem.joint_labels[found.joint]
-    return (
-        f"It breaks {limits}: {joint} by {found.value:.4g} {unit} at {found.time:.6g} s, where it "
-        f"moves at {found.velocity:.4g} and may at {found.allowed:.4g} {unit}; some joint is too "
-        f"fast for {100 * found.share:.1f} % of the time. No planner here keeps these limits yet."
-    )

@@ -153,4 +153,4 @@ def _range(low: int, high: int) -> str:
 
 def _besides(row: dict[str, Any]) -> str:
     """Name the limits besides velocity and acceleration, which every problem has."""
-    return ", ".join(row["limits"][2:])
+    return ", ".join(KINDS[key].short for key in row["limits"][2:])

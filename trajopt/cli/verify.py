@@ -138,7 +138,6 @@ def _executed(
                 given.for_joints(problem.joint_names),
                 problem.limits,
                 joint_units=problem.joint_units,
-                falling_velocity=problem.falling_velocity,
                 log=log,
             )
         robot = replace(robot, robot=name, limits=None)
@@ -193,7 +192,7 @@ def _print_execution(found: Execution, limits: str) -> None:
         console.paragraph(f"The motion within the digits, {certificate.duration:.6f} s:")
         for sentence in () if certificate.feasible else _mended(certificate, "polynomial"):
             console.paragraph(sentence)
-        print_worst(certificate, found.excess, found.problem)
+        print_worst(certificate, found.problem)
         return
     pieces = len(found.motion.trajectory.lengths)
     kind = found.motion.interpolation
@@ -201,7 +200,7 @@ def _print_execution(found: Execution, limits: str) -> None:
     for sentence in _mended(certificate, kind):
         console.paragraph(sentence)
     print_smoothness(found.smoothness, found.problem)
-    print_worst(certificate, found.excess, found.problem)
+    print_worst(certificate, found.problem)
 
 
 def _mended(certificate: Certificate, interpolation: str) -> Iterator[str]:

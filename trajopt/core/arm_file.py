@@ -11,11 +11,11 @@ status = "published"
 source = "the maker's manual, page 12"
 checked = "against what, and with which result; or why not"
 
-[falling_velocity]                           # optional: `FallingVelocity`, a number per joint
+[falling_velocity]                           # its values as in a problem file
 angle_unit = "rad"
-offset = [0.3, 0.2, 0.2, 0.3, 0.35, 0.35]
-deceleration = [6, 2.6, 3.5, 4, 17, 5.5]
-position = [[-2.75, 2.75], ...]
+values.offset = [0.3, 0.2, 0.2, 0.3, 0.35, 0.35]
+values.deceleration = [6, 2.6, 3.5, 4, 17, 5.5]
+values.position = [[-2.75, 2.75], ...]
 status = "published"
 source = "the maker's manual, page 12"
 """
@@ -30,14 +30,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from trajopt.core import built_in, files
-from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnknownName
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, Limits
-from trajopt.core.tables import check_joint_names
+from trajopt.core.limits import KINDS, Limit, Limits
+from trajopt.core.tables import check_joint_names, is_list
 from trajopt.core.units import ANGLES
 
-_FALLING = "falling_velocity"
-_FALLING_COLUMNS = ("offset", "deceleration", "position")
 _REQUIRED = ("name", "description", "velocity", "acceleration")
 
 OriginStatus = Literal["published", "configuration", "quoted", "assumed", "memory"]
@@ -76,7 +73,6 @@ class Arm:
             no description is known.
         limits: rad and s.
         origins: The origin of each kind of limit.
-        falling_velocity: One per joint, or empty where the arm has no such limits.
     """
 
     name: str
@@ -84,7 +80,6 @@ class Arm:
     joint_names: tuple[str, ...]
     limits: Limits
     origins: Mapping[str, Origin]
-    falling_velocity: tuple[FallingVelocity, ...] = ()
 
 
 def arm_files() -> dict[str, Path]:
@@ -104,53 +99,44 @@ def read(name_or_path: str) -> Arm:
 
 
 def _arm(table: Mapping[str, Any]) -> Arm:
-    known = (*_REQUIRED, "joint_names", *LIMIT_NAMES, _FALLING)
+    known = (*_REQUIRED, "joint_names", *KINDS)
     files.check_keys("", table, known, _REQUIRED)
-    given = [kind for kind in LIMIT_NAMES if kind in table]
-    pairs = {kind: _numbers(kind, table[kind], "values") for kind in given}
-    limits = Limits(**pairs)
+    given = [key for key in KINDS if key in table]
+    values = {key: _values(key, table[key]) for key in given}
+    joints = len(values["velocity"]) if is_list(values["velocity"]) else 0
+    limits = Limits(**{key: _limit(key, table[key], joints) for key in given})
     numbered = [f"joint_{joint + 1}" for joint in range(limits.joints)]
     names = files.names_at(table, "joint_names", numbered)
     check_joint_names(names, limits.joints)
-    falling: tuple[FallingVelocity, ...] = ()
-    if _FALLING in table:
-        columns = [_numbers(_FALLING, table[_FALLING], key) for key in _FALLING_COLUMNS]
-        _origin(_FALLING, table[_FALLING])
-        if {len(column) for column in columns} != {limits.joints}:
-            raise InvalidInput(_FALLING, f"{limits.joints} numbers or pairs, one per joint")
-        rows = np.column_stack(columns).tolist()
-        falling = tuple(FallingVelocity(*row) for row in rows)
     return Arm(
         name=files.text_at(table, "name"),
         description=files.text_at(table, "description"),
         joint_names=tuple(names),
         limits=limits,
-        origins={kind: _origin(kind, table[kind]) for kind in given},
-        falling_velocity=falling,
+        origins={key: _origin(key, table[key]) for key in given},
     )
 
 
-def _numbers(kind: str, entry: Any, key: str) -> Array:
-    """The numbers or pairs of one key of one kind of limit, one per joint, rad and s."""
+def _values(key: str, entry: Any) -> Any:
+    """What a kind's table says of its numbers, in the table's unit."""
     if not isinstance(entry, Mapping):
-        raise InvalidInput(kind, "a table", value=entry)
-    columns = _FALLING_COLUMNS if kind == _FALLING else ("values",)
-    required = (*columns, "angle_unit", "status", "source")
-    files.check_keys(f"{kind}.", entry, (*required, *_TEXTS), required)
+        raise InvalidInput(key, "a table", value=entry)
+    required = ("values", "angle_unit", "status", "source")
+    files.check_keys(f"{key}.", entry, (*required, *_TEXTS), required)
     unit = entry["angle_unit"]
     if not isinstance(unit, str) or unit not in ANGLES:
-        raise InvalidInput(f"{kind}.angle_unit", '"deg" or "rad"', value=unit)
+        raise InvalidInput(f"{key}.angle_unit", '"deg" or "rad"', value=unit)
+    return entry["values"]
+
+
+def _limit(key: str, entry: Mapping[str, Any], joints: int) -> Limit:
+    """The limit that a kind's table states, rad and s."""
     try:
-        values = np.array(entry[key])
-    except ValueError:  # rows of different lengths
-        values = np.array(None)
-    is_pairs = values.shape[1:] == (2,)
-    plain = values.ndim == 1
-    fits = is_pairs if key == "position" else plain or (is_pairs and key == "values")
-    if values.dtype.kind not in "if" or not fits:
-        right = "a number, or a pair [low, high], per joint"
-        raise InvalidInput(f"{kind}.{key}", right, value=entry[key])
-    return values * ANGLES[unit]
+        written = KINDS[key].read(entry["values"], joints)
+    except InvalidInput as error:
+        place = error.key.replace(f"limits.{key}", f"{key}.values")
+        raise InvalidInput(place, error.expected, value=error.value, joint=error.joint) from None
+    return written.scaled(np.full(joints, ANGLES[entry["angle_unit"]]))
 
 
 def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:

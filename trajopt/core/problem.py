@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
-from trajopt.core.limits import FallingVelocity, Limits
+from trajopt.core.limits import Limits
 from trajopt.core.tables import check_joint_names, frozen, waypoint_table
 
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
@@ -32,9 +32,7 @@ class Problem:
     waypoints that differ by no more than rounding are identical.
 
     `joint_names` has one name per joint, or is empty. `joint_units` has "rad", or "m" for a
-    prismatic joint; empty means radians. `falling_velocity` has velocity limits that planners do
-    not keep: `judge` and `verify` check them (`trajopt.judging.falling_velocity`). None of the
-    three is part of the digest.
+    prismatic joint; empty means radians. Neither is part of the digest.
 
     Problems are equal if their waypoints and limits are: names do not count.
 
@@ -47,7 +45,6 @@ class Problem:
     source: str = ""
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
-    falling_velocity: tuple[FallingVelocity | None, ...] = ()
 
     def __init__(
         self,
@@ -57,7 +54,6 @@ class Problem:
         source: str = "",
         joint_names: Sequence[str] = (),
         joint_units: Sequence[str] = (),
-        falling_velocity: Sequence[FallingVelocity | None] = (),
     ) -> None:
         self.__dict__.update(
             waypoints=frozen(waypoint_table(waypoints)),
@@ -66,7 +62,6 @@ class Problem:
             source=source,
             joint_names=tuple(joint_names),
             joint_units=tuple(joint_units),
-            falling_velocity=tuple(falling_velocity),
         )
         if limits.joints != self.joints:
             expected = f"{self.joints} values, one per joint of the waypoints"
@@ -149,7 +144,7 @@ class Problem:
 
     def without(self, *names: str) -> Problem:
         """This problem with the named limits lifted: a relaxation of it."""
-        return replace(self, limits=self.limits.without(*names))
+        return replace(self, limits=self.limits.without(*names)) if names else self
 
     def only(self, joints: ArrayLike) -> Problem:
         """The problem of some joints, by index (from 0) or mask: a relaxation of it.
@@ -159,11 +154,7 @@ class Problem:
         """
         chosen = np.asarray(joints)
         kept = np.arange(self.joints)[chosen]
-        own = {
-            "joint_names": self.joint_names,
-            "joint_units": self.joint_units,
-            "falling_velocity": self.falling_velocity,
-        }
+        own = {"joint_names": self.joint_names, "joint_units": self.joint_units}
         described: dict[str, Any] = {}
         for name, values in own.items():
             described[name] = [values[joint] for joint in kept if values]

@@ -11,6 +11,11 @@
     acceleration = [1.6, [-2.1, 2.4]]
     jerk = [20, inf]                     # optional, like position
 
+    [limits.falling_velocity]            # optional: `FallingVelocity`; inf: no such limit
+    offset = [0.3, 0.0]
+    deceleration = [6.0, inf]
+    position = [[-2.75, 2.75], [-inf, inf]]
+
 A known robot has its limits and joint names in its own file (`arm_file`). Limits in the problem
 file replace the robot's of the same kind, and joint names choose from the robot's joints:
 
@@ -39,7 +44,7 @@ from trajopt.core import arm_file, files
 from trajopt.core.arm_file import Arm
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
-from trajopt.core.limits import KINDS, FallingVelocity, Limit, Limits
+from trajopt.core.limits import KINDS, Limit, Limits
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 
@@ -100,7 +105,6 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     kinds = ["m" if unit in LENGTHS else "rad" for unit in units["waypoints"]]
     names = files.names_at(table, "joint_names")
     of_robot: dict[str, Limit] = {}
-    falling: list[FallingVelocity] = []
     if arm:
         if "m" in kinds:
             right = f'"deg" or "rad": the joints of {arm.name} turn'
@@ -110,7 +114,6 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         numbered = enumerate(names)
         chosen = [_index(arm, joint, name) for joint, name in numbered]
         of_robot = dict(arm.limits.only(chosen).kinds)
-        falling = [arm.falling_velocity[joint] for joint in chosen if arm.falling_velocity]
     # Before scaling: errors show what the file says.
     written = Limits(**(of_robot | dict(given)))
     if written.joints != len(kinds):
@@ -130,7 +133,6 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         source=text_at(table, "source", arm.description if arm else ""),
         joint_names=names,
         joint_units=kinds if units_known else (),
-        falling_velocity=falling,
     )
     if "units" not in table:
         as_written = problem.limits.scaled(1 / size["limits"])

@@ -227,7 +227,7 @@ def _retimed(problem: Problem, own: Trajectory) -> Answer:
         reason = planner.unsupported(problem)
         if reason is not None:
             return Answer(None, reason)
-        answer = judged(problem, planner.along(problem, own))
+        answer = judged(problem, planner, planner.along(problem, own))
     except TrajoptError as error:
         return Answer(None, str(error))
     return _shorter(own, answer)

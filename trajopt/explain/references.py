@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trajopt.core.exceptions import InvalidInput, TrajoptError
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
 OPTIMUM = "exact"
@@ -124,14 +126,20 @@ def asked(name: str, problem: Problem) -> Answer:
         reason = planner.unsupported(problem)
         if reason is not None:
             return Answer(None, reason)
-        return judged(problem, planner.solve(problem))
+        return judged(problem, planner, planner.solve(problem))
     except TrajoptError as error:
         return Answer(None, str(error))
 
 
-def judged(problem: Problem, solution: Solution) -> Answer:
-    """Return the certified trajectory of a planner's answer, or the flaws."""
+def judged(problem: Problem, planner: Planner, solution: Solution) -> Answer:
+    """Return the certified trajectory of a planner's answer, or why it is no reference.
+
+    An answer that breaks a limit which its planner does not know is none, however it is dilated.
+    """
     if solution.trajectory is None:
         return Answer(None, solution.message or str(solution.status))
-    flaws = "; ".join(verify(problem, solution.trajectory).flaws)
-    return Answer(certified(problem, solution.trajectory), flaws)
+    found = verify(problem, solution.trajectory)
+    unknown = [KINDS[key].name() for key in planner.unknown(problem)]
+    if unknown and found.valid and not found.nearly_feasible:
+        return Answer(None, f"it ignores {' and '.join(unknown)} limits, and breaks them")
+    return Answer(certified(problem, solution.trajectory), "; ".join(found.flaws))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 
 from trajopt.core import arm_file
-from trajopt.core.limits import LimitName
+from trajopt.core.limits import LIMIT_NAMES, LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
 
@@ -17,14 +15,17 @@ def named(name: str) -> RobotLimits:
     joints: dict[str, JointBounds] = {}
     for joint, joint_name in enumerate(arm.joint_names):
         bounds: dict[LimitName, Bounds] = {}
-        for kind in get_args(LimitName):
+        for kind in LIMIT_NAMES:
             low, high = getattr(arm.limits, kind)[joint]
             if np.isfinite([low, high]).any():
                 bounds[kind] = (float(low), float(high))
         joints[joint_name] = bounds
+    others = {}
+    for key, own in arm.limits.others.items():
+        others[key] = dict(zip(arm.joint_names, own.numbers, strict=True))
     return RobotLimits(
         joints,
         source=arm.name,
         units=dict.fromkeys(joints, "rad"),
-        falling_velocity=dict(zip(arm.joint_names, arm.falling_velocity, strict=False)),
+        others=others,
     )

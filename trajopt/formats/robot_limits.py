@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, LimitName, Limits
+from trajopt.core.limits import LIMIT_NAMES, Limit, LimitName, Limits, named
 
 Bounds = tuple[float, float]
 JointBounds = Mapping[LimitName, Bounds]
@@ -70,7 +71,7 @@ class RobotLimits:
             of the robot: `limits` ignores it, `scaled` applies it.
         acceleration_scaling: The share of the acceleration limits that a planner should use.
         units: Each joint's SI unit, "rad" or "m", where the source says whether it slides.
-        falling_velocity: Velocity limits that fall towards a position limit, by joint.
+        others: Rows of the numbers of other kinds of limits (`Limit.numbers`), by kind and joint.
         unsound: The error of each joint that cannot be used.
         completed: Joints whose acceleration limit is that of `with_acceleration`.
     """
@@ -81,7 +82,7 @@ class RobotLimits:
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
     units: Mapping[str, str] = field(default_factory=dict)
-    falling_velocity: Mapping[str, FallingVelocity] = field(default_factory=dict)
+    others: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     unsound: Mapping[str, InvalidInput] = field(default_factory=dict)
     completed: frozenset[str] = frozenset()
 
@@ -113,7 +114,7 @@ class RobotLimits:
             velocity_scaling=self.velocity_scaling * other.velocity_scaling,
             acceleration_scaling=self.acceleration_scaling * other.acceleration_scaling,
             units={**other.units, **self.units},
-            falling_velocity={**other.falling_velocity, **self.falling_velocity},
+            others={**other.others, **self.others},
             unsound={**other.unsound, **self.unsound},
         )
 
@@ -175,16 +176,22 @@ class RobotLimits:
             absent = [name for name, pair in own if not np.isfinite(pair).all()]
             if absent:
                 raise self._absent(kind, absent)
-        return Limits(**pairs)
+        others = {key: self._other(key, joint_names) for key in self.others}
+        return Limits(**pairs, others={key: own for key, own in others.items() if own.bounds.any()})
+
+    def _other(self, key: str, joint_names: Sequence[str]) -> Limit:
+        """A limit of another kind, of these joints; NaN for those that it does not bound."""
+        rows = self.others[key]
+        missing = np.full_like(next(iter(rows.values())), np.nan)
+        numbers = np.stack([rows.get(name, missing) for name in joint_names])
+        return named(key).of_numbers(numbers)
 
     def described(self, joint_names: Sequence[str]) -> dict[str, Any]:
         """Arguments of a `Problem` for these joints, beside waypoints and limits, by name."""
         units = [self.units[name] for name in joint_names if name in self.units]
-        falling = [self.falling_velocity.get(name) for name in joint_names]
         return {
             "joint_names": joint_names,
             "joint_units": units if len(units) == len(joint_names) else (),
-            "falling_velocity": falling if any(falling) else (),
         }
 
     def names_of(self, count: int) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ Franka's own element is read too (libfranka, `test/fr3.urdf` and `src/joint_velo
     <position_based_velocity_limits velocity_offset="0.30" deceleration_limit="6.0"/>
 
 It belongs to the range of the joint's `<limit>`; soft limits do not move it
-(`trajopt.core.arm_file.FallingVelocity`).
+(`trajopt.core.limits.FallingVelocity`).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from trajopt.core import files, numerals
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import FallingVelocity, LimitName
 from trajopt.formats.robot_limits import (
@@ -39,6 +40,7 @@ from trajopt.formats.robot_limits import (
 )
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
+_FALLING_ATTRIBUTES = ("velocity_offset", "deceleration_limit")
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 _MAX_TAGS = 400_000  # some 200 MB once parsed; a large robot has 10,000
 _UNLIMITED = (-np.inf, np.inf)
@@ -108,7 +110,7 @@ def _robot(root: Element, source: str) -> RobotLimits:
     joints: dict[str, JointBounds] = {}
     unsound: dict[str, InvalidInput] = {}
     units: dict[str, str] = {}
-    falling: dict[str, FallingVelocity] = {}
+    falling: dict[str, Array] = {}
     unread: list[str] = []
     braking: list[str] = []
     for joint in root.findall("joint"):
@@ -137,9 +139,8 @@ def _robot(root: Element, source: str) -> RobotLimits:
     unread += _of_interfaces(root, joints)
     note_unread(source, unread)
     note_braking(source, braking)
-    return RobotLimits(
-        joints, source=source, units=units, falling_velocity=falling, unsound=unsound
-    )
+    others = {FallingVelocity.key: falling} if falling else {}
+    return RobotLimits(joints, source=source, units=units, others=others, unsound=unsound)
 
 
 def _check_elements(joint: Element) -> None:
@@ -239,8 +240,8 @@ def _range(joint: Element, limit: Element) -> Bounds:
     return low, high
 
 
-def _falling_velocity(joint: Element) -> FallingVelocity | None:
-    """Franka's element, beside the range of the joint's `<limit>`."""
+def _falling_velocity(joint: Element) -> Array | None:
+    """The numbers of Franka's element, beside the range of the joint's `<limit>`."""
     own = joint.find("position_based_velocity_limits")
     if own is None:
         return None
@@ -249,12 +250,16 @@ def _falling_velocity(joint: Element) -> FallingVelocity | None:
         raise InvalidInput(
             "position_based_velocity_limits", "a limit with lower and upper beside it"
         )
-    return FallingVelocity(
-        offset=_number(own, "velocity_offset"),
-        deceleration=_number(own, "deceleration_limit"),
-        low=_number(limit, "lower"),
-        high=_number(limit, "upper"),
-    )
+    row = [_number(own, name) for name in _FALLING_ATTRIBUTES]
+    row += [_number(limit, name) for name in ("lower", "upper")]
+    try:
+        (numbers,) = FallingVelocity(np.array([row])).numbers
+    except InvalidInput as error:
+        _, _, name = error.key.rpartition(".")
+        attributes = dict(zip(("offset", "deceleration"), _FALLING_ATTRIBUTES, strict=True))
+        key = attributes.get(name, "position range")
+        raise InvalidInput(key, error.expected, value=error.value) from None
+    return numbers
 
 
 def _number(element: Element, name: str) -> float:

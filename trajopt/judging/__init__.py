@@ -6,5 +6,4 @@ In reading order:
 - `verification`: `verify`, which judges the repaired motion, and its `Certificate`;
 - `smoothness`: ∫ jerk² and ∫ acceleration² of a motion;
 - `passing`: the times at which a motion passes waypoints;
-- `falling_velocity`: velocity limits that fall towards position limits.
 """

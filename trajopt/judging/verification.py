@@ -21,6 +21,7 @@ from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
+NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 
 
@@ -119,6 +120,11 @@ class Certificate:
         """Return whether the trajectory keeps every limit without dilation, within tolerance."""
         ratios = [use.value for key, use in self.uses.items() if KINDS[key].is_ratio]
         return self.valid and max(ratios, default=0.0) <= 1 + self.tolerance.limit
+
+    @property
+    def nearly_feasible(self) -> bool:
+        """Return whether a solver planned for all limits: an answer that ignores one needs more."""
+        return self.valid and self.dilation <= 1 + NEARLY_FEASIBLE_RTOL
 
     @property
     def certified_duration(self) -> float | None:

@@ -57,6 +57,7 @@ def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
 def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap `solve` or `solve_batch` to answer `unsupported` where the planner refuses a problem.
 
+    Kinds of limits that it may leave out are not shown to it; the message says that they are not.
     Anything but a `Problem` is a `WrongType` for every planner.
     """
 
@@ -65,13 +66,30 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
         check_problem(problem)
         reason = self.unsupported(problem)
         if reason is None:
-            return solve(self, problem, *seeds, **keywords)
+            left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
+            answer = solve(self, problem.without(*left_out), *seeds, **keywords)
+            if not left_out:
+                return answer
+            kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
+            relaxed = self.relation(problem) is Relation.RELAXATION
+            if solve.__name__ == "solve_batch":
+                return [_ignoring(kinds, own, relaxed=relaxed) for own in answer]
+            return _ignoring(kinds, answer, relaxed=relaxed)
         refusal = Solution(Status.UNSUPPORTED, message=reason)
         if solve.__name__ == "solve_batch":
             return [refusal for _ in seeds[0]]
         return refusal
 
     return checked
+
+
+def _ignoring(kinds: str, solution: Solution, *, relaxed: bool) -> Solution:
+    """Return the answer to a problem without these kinds of limits, as one to the whole problem."""
+    message = "; ".join(filter(None, [solution.message, f"{kinds} limits are left out"]))
+    status = solution.status
+    if relaxed and status is Status.SOLVED:
+        status = Status.RELAXED
+    return replace(solution, status=status, message=message)
 
 
 class Planner(ABC):

@@ -9,7 +9,7 @@ import struct
 import sys
 from fractions import Fraction
 from itertools import pairwise
-from math import floor, inf, isqrt
+from math import floor, inf, isqrt, nan
 
 RAISE, LOWER, BRANCH, LEAF = range(4)
 LIMITS = ("velocity", "acceleration", "jerk", "position")
@@ -53,9 +53,10 @@ def unique(pairs):
 
 def digest(tables):  # SHA-256 of the problem's numbers, as the file has it
     found = hashlib.sha256()
-    for table in tables:
-        found.update(repr((len(table), len(table[0]))).encode())
-        found.update(b"".join(struct.pack("<d", float(x)) for pair in table for x in pair))
+    for name, table in tables:
+        found.update(name.encode() + repr((len(table), len(table[0]))).encode())
+        row = (nan if x is None else float(x) for row in table for x in row)
+        found.update(b"".join(struct.pack("<d", x) for x in row))
     return found.hexdigest()
 
 
@@ -111,7 +112,9 @@ proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.i
 points = exact(separate(said["problem"]["waypoints"]))
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
-if digest([said["problem"]["waypoints"], *map(sided, pairs)]) != said["problem"]["digest"]:
+tables = [("", said["problem"]["waypoints"]), *(("", sided(own)) for own in pairs)]
+others = sorted(limits.keys() - set(LIMITS))  # a bound without them is one with them
+if digest(tables + [(name, limits[name]) for name in others]) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
 moving = [j for j in range(len(points[0])) if len({x[j] for x in points}) > 1]
 way = [[b[j] - a[j] for j in moving] for a, b in pairwise(points)]  # segment by segment

@@ -2,38 +2,340 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
+from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.files import check_keys
+from trajopt.core.limits.joint_limit import is_bound
+from trajopt.core.limits.limit import Interval, Limit, Use, where
+from trajopt.core.tables import frozen, is_list
+from trajopt.core.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from trajopt.core.problem import Problem
+
+RESTING_RTOL = 1e-9
+"""A velocity below this share of the highest that the limit allows anywhere counts as rest."""
+
+_COLUMNS = ("offset", "deceleration", "position")
+_MAX_CUTS = 50  # each is a Newton step: four or five are enough
+_CUT_RTOL = 1e-14
+_SHOWN_USE = 10.0  # figures show no more
 
 
-@dataclass(frozen=True)
-class FallingVelocity:
+@dataclass(frozen=True, eq=False)
+class FallingVelocity(Limit):
     """A velocity limit that falls to zero towards the ends of a joint's range.
 
     The joint at `q` may move upwards no faster than `max(0, sqrt(2 d max(0, high − q)) − o)`, and
     downwards no faster than `max(0, sqrt(2 d max(0, q − low)) − o)`. This is Franka's form
     (libfranka, `include/franka/rate_limiting.h`; `<position_based_velocity_limits>` in a URDF).
 
+    The use is the velocity over the one allowed there. Dilation divides it, as positions stay;
+    where nothing is allowed the use is infinite, and no dilation helps (docs/mathematics.md,
+    section 7).
+
     Attributes:
-        offset: `o`, rad/s (m/s for a prismatic joint).
-        deceleration: `d`, rad/s².
-        low, high: Positions where the roots end, rad; they may differ from the position limits.
+        rows: `o` in rad/s, `d` in rad/s², `low` and `high` in rad (m for a prismatic joint),
+            `(joints, 4)`; a row of NaN is a joint without such a limit. The range may be another
+            one than that of the position limits.
     """
 
-    offset: float
-    deceleration: float
-    low: float
-    high: float
+    key = "falling_velocity"
+    short = "fall."
+    forgiven = True
+
+    rows: Array
 
     def __post_init__(self) -> None:
-        if not 0 <= self.offset < np.inf:
-            raise InvalidInput("velocity_offset", "a number from 0", value=self.offset)
-        if not 0 < self.deceleration < np.inf:
-            right = "a positive number"
-            raise InvalidInput("deceleration_limit", right, value=self.deceleration)
-        if not -np.inf < self.low < self.high < np.inf:
-            right = "a finite range, lower below upper"
-            raise InvalidInput("position range", right, value=[self.low, self.high])
+        offset, deceleration, low, high = self.rows.T
+        limited = ~np.isnan(self.rows).all(axis=1)
+        right = (offset >= 0) & (offset < np.inf)
+        _refuse("offset", "a number from 0", offset, limited & ~right)
+        right = (deceleration > 0) & (deceleration < np.inf)
+        _refuse("deceleration", "a positive number", deceleration, limited & ~right)
+        right = (low < high) & np.isfinite(low) & np.isfinite(high)
+        pairs = self.rows[:, 2:]
+        _refuse("position", "a finite range, lower below upper", pairs, limited & ~right)
+        object.__setattr__(self, "rows", frozen(self.rows))
+
+    @property
+    def numbers(self) -> Array:
+        return self.rows
+
+    @classmethod
+    def of_numbers(cls, numbers: Array) -> Self:
+        if numbers.ndim != 2 or numbers.shape[1] != 4:
+            raise InvalidInput(f"limits.{cls.key}", "four numbers per joint")
+        return cls(numbers)
+
+    @classmethod
+    def read(cls, value: Any, joints: int) -> Self:
+        """From a table: `offset`, `deceleration` and `position`, a number or pair per joint.
+
+        A joint with an infinite deceleration has no such limit.
+        """
+        key = f"limits.{cls.key}"
+        if not isinstance(value, Mapping):
+            raise InvalidInput(key, f"a table with {', '.join(_COLUMNS)}", value=value)
+        check_keys(f"{key}.", value, _COLUMNS, _COLUMNS)
+        offset = _column(f"{key}.offset", value["offset"], joints)
+        deceleration = _column(f"{key}.deceleration", value["deceleration"], joints)
+        pairs = _column(f"{key}.position", value["position"], joints, pair=True)
+        numbers = np.column_stack([offset, deceleration, pairs])
+        unlimited = deceleration == np.inf
+        return cls(np.where(unlimited[:, None], np.nan, numbers))
+
+    def table(self) -> dict[str, Any]:
+        unlimited = [0.0, np.inf, -np.inf, np.inf]
+        whole = np.where(self.bounds[:, None], self.rows, unlimited)
+        offset, deceleration = whole.T[:2].tolist()
+        return dict(zip(_COLUMNS, (offset, deceleration, whole[:, 2:].tolist()), strict=True))
+
+    @property
+    def bounds(self) -> Bools:
+        finite = np.isfinite(self.rows)
+        return np.all(finite, axis=1)
+
+    def only(self, joints: Array) -> Self:
+        return type(self)(self.rows[joints])
+
+    def scaled(self, factors: Array) -> Self:
+        return type(self)(factors[:, None] * self.rows)
+
+    def in_units(self, time: float, lengths: Array | float) -> Self:
+        return type(self)(self.rows * [time, time**2, 1.0, 1.0] / lengths)
+
+    def widened(self, joint: int | None, by: float) -> Self:
+        """With what is allowed times `1 + by`, everywhere."""
+        numbers = self.rows.copy()
+        factor = 1 + by
+        numbers[joint, :2] *= [factor, factor**2]
+        return type(self)(numbers)
+
+    def worst(self, motion: Trajectory) -> Use:
+        sides = self._sides(motion)
+        if not np.isfinite(sides.rounding).all():
+            return Use(np.nan, int(sides.joints[0]), 0.0)
+        best = _at_ends(sides, motion)
+        # No piece exceeds the use of its bounds.
+        fastest = polynomials.bernstein(sides.velocity).max(axis=0)
+        nearest = polynomials.bernstein(sides.distance).min(axis=0)
+        promising = np.nonzero(sides.use(fastest, nearest) > best.value)
+        if not len(promising[0]):
+            return best
+        found = _cut(sides.of(promising), promising, best.value, motion)
+        return found if found.value > best.value else best
+
+    def flaw(self, use: Use, tolerated: Array, problem: Problem) -> str | None:
+        if use.value < np.inf:
+            return None
+        return (
+            f"{where(use, problem)}: moves where its falling velocity limit allows no motion, "
+            "which no dilation mends"
+        )
+
+    def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
+        """Where `v > share (sqrt(2 d w) − o)` and the joint moves towards the end."""
+        sides = self._sides(motion)
+        moving = np.nonzero(polynomials.bernstein(sides.velocity).max(axis=0) > sides.resting)
+        own = sides.of(moving)
+        knots = _knots(own, own.over(share), own.allowing)
+        middles = (knots[1:] + knots[:-1]) / 2
+        found = own.use_at(middles) > share
+        for row, i in np.argwhere(found & (knots[1:] > knots[:-1])):
+            _, piece, _ = (int(index[i]) for index in moving)
+            start, end = motion.breaks[piece] + knots[[row, row + 1], i] * motion.lengths[piece]
+            yield Interval(int(own.joints[i]), float(start), float(end))
+
+    def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
+        q, v = motion(times), motion(times, 1)
+        found: dict[int | None, Array] = {}
+        for joint in np.flatnonzero(self.bounds).tolist():
+            offset, deceleration, low, high = self.rows[joint]
+            resting = _resting(self.rows[joint])
+            up = _use(v[:, joint], high - q[:, joint], offset, deceleration, resting)
+            down = _use(-v[:, joint], q[:, joint] - low, offset, deceleration, resting)
+            found[joint] = np.minimum(np.maximum(up, down), _SHOWN_USE)
+        return found
+
+    def _sides(self, motion: Trajectory) -> _Sides:
+        """The motion of each limited joint towards the upper and the lower end of its range."""
+        joints = np.flatnonzero(self.bounds)
+        own = self.rows[joints]
+        offset, deceleration, low, high = own.T
+        position, velocity, acceleration = (motion.pieces(n)[..., joints] for n in range(3))
+        above = -position
+        above[-1] += high
+        below = np.array(position)
+        below[-1] -= low
+        signs = np.array([1.0, -1.0])[:, None, None]
+        of_each = (offset, deceleration, _resting(own), joints)
+        shape = (2, *velocity.shape[1:])
+        return _Sides(
+            np.stack([above, below], axis=1),
+            signs * velocity[:, None],
+            signs * acceleration[:, None],
+            *(np.broadcast_to(values, shape) for values in of_each),
+        )
+
+    def unit(self, problem: Problem) -> str:
+        units = [problem.shared_unit(order) for order in (1, 2, 0, 0)]
+        return ", ".join(units)
+
+
+class _Sides(NamedTuple):
+    """Pieces that move towards one end of a range, and the limit there.
+
+    Attributes:
+        distance: `w` from the end, rad, a polynomial as the next two, `(degree + 1, …)`.
+        velocity: towards the end, rad/s.
+        acceleration: towards the end, rad/s².
+        offset, deceleration: the limit's `o` and `d`, `(…)`.
+        resting: the velocity that counts as rest, `(…)`.
+        joints: whose piece it is, `(…)`.
+    """
+
+    distance: Array
+    velocity: Array
+    acceleration: Array
+    offset: Array
+    deceleration: Array
+    resting: Array
+    joints: Indices
+
+    @property
+    def rounding(self) -> Array:
+        """By how much a distance may be rounded, rad, `(…)`."""
+        return polynomials.evaluation_rounding(self.distance)
+
+    def of(self, index: tuple[Any, ...]) -> _Sides:
+        """Some of them."""
+        return _Sides(
+            distance=self.distance[:, *index],
+            velocity=self.velocity[:, *index],
+            acceleration=self.acceleration[:, *index],
+            offset=self.offset[index],
+            deceleration=self.deceleration[index],
+            resting=self.resting[index],
+            joints=self.joints[index],
+        )
+
+    def use(self, velocity: Array, distance: Array) -> Array:
+        """The use at these velocities and distances; a position is known to its rounding only."""
+        farther = distance + self.rounding
+        return _use(velocity, farther, self.offset, self.deceleration, self.resting)
+
+    def use_at(self, points: Array) -> Array:
+        """The use at points of the unit interval, `(points, …)`."""
+        velocity = polynomials.evaluate(self.velocity[:, None], points)
+        distance = polynomials.evaluate(self.distance[:, None], points)
+        return self.use(velocity, distance)
+
+    @property
+    def allowing(self) -> Array:
+        """The polynomial `2 d w − o²`, positive where some velocity is allowed."""
+        found = 2 * self.deceleration * self.distance
+        found[-1] -= self.offset**2
+        return found
+
+    def over(self, share: float) -> Array:
+        """The polynomial `(v/share + o)² − 2 d w`: positive where `v > 0` has more than a share."""
+        shifted = self.velocity / share
+        shifted[-1] += self.offset
+        square = polynomials.product(shifted, shifted)
+        return polynomials.plus(square, -2 * self.deceleration * self.distance)
+
+    def turning(self, use: float) -> Array:
+        """The polynomial `2 a w + (v + use o) v`, zero where `(v/use + o) / sqrt(2 d w)` turns."""
+        shifted = np.array(self.velocity)
+        shifted[-1] += use * self.offset
+        left = 2 * polynomials.product(self.acceleration, self.distance)
+        return polynomials.plus(left, polynomials.product(shifted, self.velocity))
+
+
+def _use(
+    velocity: Array, distance: Array, offset: Array, deceleration: Array, resting: Array
+) -> Array:
+    """The velocity over the allowed one: 0 at rest, infinite where a motion is not allowed."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        allowed = np.sqrt(2 * deceleration * np.maximum(distance, 0.0)) - offset
+        use = np.where(allowed > 0, velocity / allowed, np.inf)
+        return np.where(velocity > resting, use, 0.0)
+
+
+def _resting(numbers: Array) -> Array:
+    """The velocity below which a joint rests, rad/s, of rows of a limit's numbers."""
+    _, deceleration, low, high = numbers.T
+    return RESTING_RTOL * np.sqrt(2 * deceleration * (high - low))
+
+
+def _at_ends(sides: _Sides, motion: Trajectory) -> Use:
+    """The worst use at the ends of pieces."""
+    points = np.zeros((2, *sides.offset.shape))
+    points[1] = 1.0
+    uses = sides.use_at(points)
+    end, side, piece, place = np.unravel_index(np.argmax(uses), uses.shape)
+    joint = int(sides.joints[side, piece, place])
+    return Use(float(uses[end, side, piece, place]), joint, float(motion.breaks[piece + end]))
+
+
+def _knots(own: _Sides, *functions: Array) -> Array:
+    """Points between which a use has one formula and functions have one sign, sorted."""
+    moving = np.array(own.velocity)
+    moving[-1] -= own.resting
+    roots = [polynomials.unit_roots(function) for function in (moving, *functions)]
+    start = np.zeros((1, moving.shape[1]))
+    points = np.vstack([start, start + 1.0, *roots])
+    return np.sort(np.nan_to_num(points, nan=0.0), axis=0)
+
+
+def _cut(own: _Sides, index: tuple[Indices, ...], known: float, motion: Trajectory) -> Use:
+    """The worst use of some pieces, by cuts, each from the largest use known before.
+
+    A motion with the use `k`, dilated by `k`, is within the limit where `(v/k + o) / sqrt(2 d w) ≤
+    1`. The largest of that is at a root of a polynomial; there the use is more than `k`, or no use
+    is.
+    """
+    knots = _knots(own, own.allowing)
+    middles = (knots[1:] + knots[:-1]) / 2
+    points = np.vstack([knots, middles])
+    best = Use(-np.inf, None, 0.0)
+    for cut in range(_MAX_CUTS):
+        uses = own.use_at(points)
+        row, i = np.unravel_index(np.argmax(uses), uses.shape)
+        worst = float(uses[row, i])
+        if worst > best.value:
+            piece = int(index[1][i])
+            time = motion.breaks[piece] + points[row, i] * motion.lengths[piece]
+            best = Use(worst, int(own.joints[i]), float(time))
+        if worst == np.inf or (cut > 0 and worst <= known * (1 + _CUT_RTOL)):
+            break
+        known = max(known, worst)
+        points = np.nan_to_num(polynomials.unit_roots(own.turning(known)), nan=0.0)
+    return best
+
+
+def _column(key: str, value: Any, joints: int, *, pair: bool = False) -> Array:
+    """A number, or a pair, per joint."""
+    right = "a pair [low, high] per joint" if pair else "a number per joint"
+    if not is_list(value) or len(value) != joints:
+        raise InvalidInput(key, f"{joints} values, {right}", value=value)
+    for joint, item in enumerate(value):
+        parts = item if pair and is_list(item) and len(item) == 2 else [item]
+        is_right = len(parts) == 1 + pair
+        if not is_right or not all(map(is_bound, parts)):
+            raise InvalidInput(key, right, value=item, joint=joint)
+    return np.array(value, dtype=float)
+
+
+def _refuse(column: str, right: str, values: Array, wrong: Bools) -> None:
+    for joint in np.flatnonzero(wrong).tolist():
+        key = f"limits.{FallingVelocity.key}.{column}"
+        raise InvalidInput(key, right, value=values[joint].tolist(), joint=joint)

@@ -223,13 +223,13 @@ def pairs_of(key: str, value: Any) -> Array:
     pairs = []
     for joint, item in enumerate(value):
         pair = item if is_list(item) else (item, item)
-        if len(pair) != 2 or not all(map(_is_bound, pair)):
+        if len(pair) != 2 or not all(map(is_bound, pair)):
             raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
         low, high = map(float, pair)
         pairs.append((low if pair is item else -high, high))
     return np.array(pairs)
 
 
-def _is_bound(value: Any) -> bool:
+def is_bound(value: Any) -> bool:
     """Return whether this is a number, or infinite."""
     return is_number(value) or (isinstance(value, float) and math.isinf(value))

@@ -78,7 +78,7 @@ class Limit(ABC):
     @property
     @abstractmethod
     def numbers(self) -> Array:
-        """All its numbers, for digests and stores; NaN or infinite where nothing is limited."""
+        """All its numbers, for digests and stores, in rows; NaN where nothing is limited."""
 
     @classmethod
     @abstractmethod

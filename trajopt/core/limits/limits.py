@@ -76,7 +76,8 @@ class Limits:
             read[key] = own
         for name in LIMIT_NAMES:
             self.__dict__[name] = read[name].numbers
-        self.__dict__["others"] = {key: read[key] for key in read if key not in LIMIT_NAMES}
+        others = {key: own for key, own in read.items() if key not in LIMIT_NAMES}
+        self.__dict__["others"] = {key: own for key, own in others.items() if own.bounds.any()}
         self.__dict__["_held"] = {key: read[key] for key in KINDS if key in read}
 
     def __eq__(self, other: object) -> bool:

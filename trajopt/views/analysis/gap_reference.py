@@ -19,6 +19,7 @@ from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.planners.planner import Relation
 from trajopt.views.analysis.versions import by_problem, newest
 
 Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
@@ -86,7 +87,7 @@ def _computed(trials: Sequence[Trial]) -> Reference:
         relaxed = _larger(relaxed, trial.relaxed_duration)
         if trial.planner == PROOF:
             proved = _larger(proved, trial.lower_bound)
-    certified = [trial for trial in exact if trial.certified_duration is not None]
+    certified = [trial for trial in exact if _is_reference(trial)]
     if certified:
         shortest = min(_duration(trial) for trial in certified)
         only_refined = all(trial.planner == REFERENCES[-1] for trial in certified)
@@ -94,6 +95,15 @@ def _computed(trials: Sequence[Trial]) -> Reference:
     if proved >= relaxed or isnan(relaxed):
         return Reference(proved, "lower bound", proved)
     return Reference(relaxed, "relaxed", proved)
+
+
+def _is_reference(trial: Trial) -> bool:
+    """Return whether its planner, asked for an optimum, planned for all limits or kept them."""
+    if trial.certificate is None or not trial.certificate.valid:
+        return False
+    if trial.planner == PROOF:
+        return trial.relation is not Relation.RELAXATION
+    return trial.certificate.nearly_feasible or not trial.problem.limits.others
 
 
 def _with_record(reference: Reference, problem: Problem) -> Reference:

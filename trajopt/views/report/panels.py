@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
-from trajopt.core.limits import KINDS
+from trajopt.core.limits import KINDS, Limit
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import Stretch, share_at_limits, stretches
@@ -46,6 +46,9 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
         "quantities": [(name, problem.shared_unit(n)) for n, name in enumerate(quantities)],
         "units": [[problem.unit(joint, n) for n in orders] for joint in range(problem.joints)],
         "limits": {name: getattr(problem.limits, name) for name in quantities},
+        "others": [
+            (own.name(), own.unit(problem), _cells(own)) for own in _without_a_quantity(problem)
+        ],
         "source": problem.source,
         "best": best,
         "convergence": suite_curves.bands(runs, labels),
@@ -64,10 +67,29 @@ def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
         "seed": trial.seed,
         "t": rounded(times, 5),
         "values": [[rounded(joint) for joint in order] for order in values],
+        "uses": [(name, rounded(own, 3)) for name, own in _uses(trial.problem, trajectory, times)],
         "passed": trajectory.waypoint_times,
         "busy": busy,
         "held": held,
     }
+
+
+def _without_a_quantity(problem: Problem) -> list[Limit]:
+    """Limits that are no lines in the charts of positions and their derivatives."""
+    return [own for key, own in problem.limits.kinds.items() if key not in QUANTITIES]
+
+
+def _cells(limit: Limit) -> list[str]:
+    """Each joint's numbers of a limit, as the page's table shows them."""
+    rows = [", ".join(f"{value:g}" for value in row) for row in limit.numbers]
+    return np.where(limit.bounds, rows, "none").tolist()
+
+
+def _uses(problem: Problem, trajectory: Trajectory, times: Array) -> Iterator[tuple[str, Array]]:
+    """Names and uses, at times (s), of the limits whose use the page cannot compute itself."""
+    for limit in _without_a_quantity(problem):
+        for joint, use in limit.along(trajectory, times).items():
+            yield limit.short if joint is None else f"joint {joint + 1} {limit.short}", use
 
 
 def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[Array, Array]:

@@ -88,17 +88,18 @@ const drawUse = (chart, note, found, motion) => {
       use.push(values.map((v) => Math.min(1, Math.max(v / high, v / low))));
     });
   }
+  for (const [name, values] of motion.uses) names.push(name), use.push(values.map((v) => Math.min(1, v)));
   draw(chart, () => [[{ type: "heatmap", x: motion.t, y: names, z: use, zmin: 0, zmax: 1, colorscale: "Cividis", xgap: 0, ygap: 1,
     colorbar: { title: { text: "use", side: "right" }, thickness: 12, tickformat: ".0%" }, hovertemplate: "%{y}: %{z:.1%} of the limit at %{x:.3f} s<extra></extra>" }], {
     height: 90 + 17 * names.length, xaxis: axis("time (s)"), yaxis: axis("", { autorange: "reversed", tickfont: { size: 11 }, showgrid: false }) }]);
-  const held = motion.held.map(([joint, limit, start, end]) => `${limit} of joint ${joint + 1}, ${start.toFixed(2)}–${end.toFixed(2)} s`);
+  const held = motion.held.map(([joint, limit, start, end]) => `${limit.replaceAll("_", " ")}${joint === null ? "" : ` of joint ${joint + 1}`}, ${start.toFixed(2)}–${end.toFixed(2)} s`);
   note.textContent = `Some joint is at a limit (99 % or more) for ${(100 * motion.busy).toFixed(0)} % of the time${held.length ? `; the longest stretches: ${held.join("; ")}` : ""}.`;
 };
 
 const limitTable = (found) => {
   const table = make("table", "", { class: "limits" }), head = make("tr"), scroll = make("div", "", { class: "scroll" });
   const limited = found.quantities.filter(([name]) => found.limits[name].some((pair) => pair.some((v) => v !== null)));
-  head.append(make("th", "joint"), ...limited.map(([name, unit]) => make("th", `${name} (${unit})`, { class: "n" })));
+  head.append(make("th", "joint"), ...[...limited, ...found.others].map(([name, unit]) => make("th", `${name} (${unit})`, { class: "n" })));
   table.append(make("thead"), make("tbody"));
   table.tHead.append(head);
   for (let j = 0; j < found.joints; j += 1) {
@@ -107,7 +108,7 @@ const limitTable = (found) => {
       const [low, high] = found.limits[name][j];
       const text = low === null && high === null ? "none" : low === -high ? `± ${value(high)}` : `${value(low)} to ${value(high)}`;
       return make("td", text, { class: "n" });
-    }));
+    }), ...found.others.map(([, , cells]) => make("td", cells[j], { class: "n" })));
     table.tBodies[0].append(row);
   }
   scroll.append(table);
