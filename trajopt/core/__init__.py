@@ -6,7 +6,7 @@ In reading order:
 - `polynomials`: roots, extrema and bounds of many polynomials at once;
 - `trajectory`: the piecewise polynomial, with `piecewise` (from SciPy) and `interpolation` (from
   samples);
-- `limits`, `problem`: limits of each joint; waypoints under limits;
+- `limits`, a kind a file; `route`, the waypoints; `problem`, the route under limits;
 - `solution`: a planner's answer;
 - `problem_file`, `arm_file`: problems and robot arms in TOML;
 - `files`, `tables`, `numerals`, `units`, `built_in`: what all readers of files share.

@@ -1,4 +1,4 @@
-"""The problem: waypoints to pass in order, starting and ending at rest, within joint limits."""
+"""The problem: a route, to be passed as fast as limits allow."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,21 +15,18 @@ from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.limits import Limits
-from trajopt.core.tables import check_joint_names, frozen, waypoint_table
+from trajopt.core.route import Route
+from trajopt.core.tables import check_joint_names
 
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
-
-# A coordinate is known to some units in its last place.
-COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Pass every waypoint in order, from rest to rest, as fast as the limits allow.
 
-    `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. All joints pass a
-    waypoint at the same time. Consecutive identical waypoints are one waypoint, passed once;
-    waypoints that differ by no more than rounding are identical.
+    `waypoints` is `(waypoints, joints)` in radians, one row per waypoint; `route` has what follows
+    from them (`trajopt.core.route.Route`).
 
     `joint_names` has one name per joint, or is empty. `joint_units` has "rad", or "m" for a
     prismatic joint; empty means radians. Neither is part of the digest.
@@ -45,6 +42,7 @@ class Problem:
     source: str = ""
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
+    route: ClassVar[Route]  # of the waypoints
 
     def __init__(
         self,
@@ -55,8 +53,10 @@ class Problem:
         joint_names: Sequence[str] = (),
         joint_units: Sequence[str] = (),
     ) -> None:
+        route = Route(waypoints)
         self.__dict__.update(
-            waypoints=frozen(waypoint_table(waypoints)),
+            route=route,
+            waypoints=route.waypoints,
             limits=limits,
             name=name,
             source=source,
@@ -106,40 +106,35 @@ class Problem:
 
     @property
     def segments(self) -> int:
-        return len(self.waypoints) - 1
+        return self.route.segments
 
     @property
     def displacements(self) -> Array:
         """`h_k = q_k − q_{k−1}`, `(segments, joints)`, rad."""
-        return np.diff(self.waypoints, axis=0)
+        return self.route.displacements
 
     @property
     def moving(self) -> Bools:
         """Which joints move at all, `(joints,)`."""
-        return np.any(self.displacements, axis=0)
+        return self.route.moving
 
-    @cached_property
+    @property
     def largest_displacements(self) -> Array:
         """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
-        distances = np.abs(self.displacements)
-        own = distances.max(axis=0)
-        return np.where(self.moving, own, distances.max())
+        return self.route.largest_displacements
 
-    @cached_property
+    @property
     def rounding(self) -> Array:
         """Some units in the last place of each joint's largest coordinate, rad, `(joints,)`."""
-        return _rounding(self.waypoints)
+        return self.route.rounding
 
     def merged(self) -> tuple[Problem, Indices]:
         """This problem with consecutive identical waypoints merged, and where each one went.
 
         `times[index]` expands the merged problem's waypoint times to this one's.
         """
-        differs = _differing(self.waypoints)
-        index = np.cumsum(differs) - 1
-        if differs.all():
-            return self, index
-        merged = replace(self, waypoints=self.waypoints[differs])
+        route, index = self.route.merged()
+        merged = self if route is self.route else replace(self, waypoints=route.waypoints)
         return merged, index
 
     def without(self, *names: str) -> Problem:
@@ -204,8 +199,6 @@ class Problem:
         return problem_file.text(self)
 
     def _check_waypoints(self) -> None:
-        if not _differing(self.waypoints)[1:].any():
-            raise InvalidInput("waypoints", "at least two different ones; these never move")
         lows, highs = self.limits.position.T
         outside = (self.waypoints < lows) | (self.waypoints > highs)
         for row, joint in np.argwhere(outside):
@@ -238,24 +231,3 @@ def _check_joint_units(units: Sequence[str], joints: int) -> None:
     for joint, unit in enumerate(units):
         if unit not in ("rad", "m"):
             raise InvalidInput("joint_units", '"rad" or "m"', value=unit, joint=joint)
-
-
-def _rounding(waypoints: Array) -> Array:
-    largest = np.abs(waypoints).max(axis=0)
-    return COORDINATE_RTOL * largest
-
-
-def _differing(waypoints: Array) -> Bools:
-    """Which waypoints differ by more than rounding from the last one that did, `(waypoints,)`."""
-    rounding = _rounding(waypoints)
-    steps = np.abs(np.diff(waypoints, axis=0))
-    differs = np.ones(len(waypoints), dtype=bool)
-    if (steps > rounding).any(axis=1).all():
-        return differs
-    last = waypoints[0]
-    for row, waypoint in enumerate(waypoints[1:], start=1):
-        distance = np.abs(waypoint - last)
-        differs[row] = (distance > rounding).any()
-        if differs[row]:
-            last = waypoint
-    return differs

@@ -12,7 +12,8 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
-from trajopt.core.problem import COORDINATE_RTOL, Problem
+from trajopt.core.problem import Problem
+from trajopt.core.route import COORDINATE_RTOL
 from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 
 # Relative to the duration. A break nearer to the closest approach replaces it, if it misses by no
