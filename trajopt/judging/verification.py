@@ -16,7 +16,7 @@ import numpy as np
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory, WrongType, shown
-from trajopt.core.limits import KINDS, Use
+from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
@@ -145,12 +145,12 @@ class Certificate:
     def as_dict(self) -> dict[str, Any]:
         """For JSON: joints count from 1, limits give a `ratio`, misses an `error`.
 
-        None where the problem has no limit of a kind, or it is not judged.
+        None where the problem has no such limit of each joint, or it is not judged.
         """
         table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
-        for key, kind in KINDS.items():
+        for key in dict.fromkeys((*LIMIT_NAMES, *self.uses)):
             use = self.uses.get(key)
-            word = "ratio" if kind.is_ratio else "error"
+            word = "ratio" if KINDS[key].is_ratio else "error"
             table[key] = None
             if use is not None:
                 joint = None if use.joint is None else use.joint + 1

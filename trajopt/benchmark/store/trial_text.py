@@ -39,7 +39,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
 from trajopt.core.harmless import harmless
-from trajopt.core.limits import KINDS, Use
+from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.judging.verification import Certificate, Tolerance, Worst
@@ -213,13 +213,13 @@ def certificate_table(certificate: Certificate | None) -> Any:
     if certificate is None:
         return None
     table: dict[str, Any] = {name: getattr(certificate, name) for name in _VERDICT}
-    for key in KINDS:
-        use = certificate.uses.get(key)
-        table[key] = use and use._asdict()
-    table |= {name: asdict(getattr(certificate, name)) for name in _ERRORS}
-    for name in (*KINDS, *_ERRORS):
-        if table[name] and table[name]["joint"] is not None:
-            table[name]["joint"] += 1
+    worst: dict[str, Any] = dict.fromkeys(LIMIT_NAMES)
+    worst |= {key: use._asdict() for key, use in certificate.uses.items()}
+    worst |= {name: asdict(getattr(certificate, name)) for name in _ERRORS}
+    for own in worst.values():
+        if own is not None and own["joint"] is not None:
+            own["joint"] += 1
+    table |= worst
     table["tolerance"] = asdict(certificate.tolerance)
     return pack(table)
 
