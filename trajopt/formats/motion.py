@@ -49,6 +49,7 @@ _TRIAL_KEYS = (
     "problem",
     "seed",
     "setup_time",
+    "smoothness",
     "solve_time",
     "status",
     "waypoint_times",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from trajopt import InvalidInput, Limits, Problem, StoreError
+from trajopt import judge as judge_motion
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
@@ -61,6 +62,12 @@ def test_what_is_written_says_what_a_controller_makes_of_it(tmp_path, trial):
     assert executed.certificate.feasible
     assert executed.duration == pytest.approx(table(tmp_path / "t.csv")[1][-1, 0])
     assert export.write(export.Target(tmp_path / "t.json"), trial) is None
+
+
+def test_json_is_a_motion_that_can_be_judged(tmp_path, trial):
+    found = judge_motion(PROBLEM, written(tmp_path / "t.json", trial))
+    assert found.certificate.feasible
+    assert found.certified_duration == pytest.approx(trial.certified_duration, rel=1e-9)
 
 
 def test_json_is_the_exact_certified_polynomial_and_the_verdict(tmp_path, trial):
