@@ -126,16 +126,16 @@ def _values(key: str, entry: Any) -> Any:
     unit = entry["angle_unit"]
     if not isinstance(unit, str) or unit not in ANGLES:
         raise InvalidInput(f"{key}.angle_unit", '"deg" or "rad"', value=unit)
-    return entry["values"]
+    values = entry["values"]
+    if is_list(values) and any(is_list(item) and len(item) != 2 for item in values):
+        right = "a number, or a pair [low, high], per joint"
+        raise InvalidInput(f"{key}.values", right, value=values)
+    return values
 
 
 def _limit(key: str, entry: Mapping[str, Any], joints: int) -> Limit:
     """The limit that a kind's table states, rad and s."""
-    try:
-        written = KINDS[key].read(entry["values"], joints)
-    except InvalidInput as error:
-        place = error.key.replace(f"limits.{key}", f"{key}.values")
-        raise InvalidInput(place, error.expected, value=error.value, joint=error.joint) from None
+    written = KINDS[key].read(entry["values"], joints)
     return written.scaled(np.full(joints, ANGLES[entry["angle_unit"]]))
 
 

@@ -278,9 +278,9 @@ def test_an_arm_of_one_s_own_is_read_from_its_path(tmp_path):
     [
         ('name = "mine"', "", "name"),
         ('"memory"', '"rumour"', "status is 'rumour'"),
-        ("[1, 2]", "[1, -2]", "velocity.values, joint 2"),
-        ("[1, 2]", "[1, 2, 3]", "acceleration.values is 2: expected 3"),
-        ("[1, 2]", "[1, [2]]", "velocity.values, joint 2 is [2]"),
+        ("[1, 2]", "[1, -2]", "limits.velocity, joint 2"),
+        ("[1, 2]", "[1, 2, 3]", "acceleration is 2: expected 3"),
+        ("[1, 2]", "[1, [2]]", "velocity.values is [1, [2]]"),
         ('"deg"', '"turns"', "turns"),
         ("[velocity]", "[speed]", "speed"),
         ("[velocity]", "[velocity", "robot"),
