@@ -100,8 +100,8 @@ def plan(
     code = 0 if trial.is_answered and not (broken and not out_anyway) else 1
     written = _without(trial, broken)
     if target is not None and broken and not out_anyway and target.path.suffix != ".h5":
-        names = " and ".join(KINDS[key].name() for key in broken)
-        console.note(f"{out} is not written: the motion breaks {names} limits; --out-anyway does")
+        kinds = " and ".join(KINDS[key].name() for key in broken)
+        console.note(f"{out} is not written: the motion breaks {kinds} limits; --out-anyway does")
     elif target is not None and not written.certified_trajectory and target.path.suffix != ".h5":
         console.note(f"{out} is not written: no certified trajectory")
         code = 1
