@@ -313,6 +313,36 @@ def test_verification_names_what_the_texts_do_not_give(path, tmp_path, change, n
     assert named is None or named in found.summary()[-1]
 
 
+def test_a_file_of_version_0_2_is_verified_by_its_texts_alone(path, tmp_path):
+    copy = tmp_path / "results.h5"
+    shutil.copy(path, copy)
+    with h5py.File(copy, "r+") as file:
+        for name in ("runs", "problems", "trials/path"):
+            del file[name]
+    copy.write_bytes(results_file.sealed(copy.read_bytes()))
+    assert verification(copy, no_references).holds
+
+
+def test_texts_of_another_type_and_links_elsewhere_are_not_followed(path, tmp_path):
+    copy = tmp_path / "results.h5"
+    secret = tmp_path / "secret.h5"
+    shutil.copy(path, copy)
+    with h5py.File(secret, "w") as file:
+        file["label"] = ["mine"] * 5
+    with h5py.File(copy, "r+") as file:
+        for name in ("label", "planner", "problem"):
+            del file[f"trials/{name}"]
+        file["trials/label"] = h5py.ExternalLink(str(secret), "/label")
+        file["trials/planner"] = np.array([b"mine"] * 5)
+        kind = h5py.vlen_dtype(np.float64)
+        file.create_dataset("trials/problem", shape=(5,), dtype=kind)
+        for name in ("planner", "problem"):
+            file[f"trials/{name}"].attrs["units"] = ""
+    copy.write_bytes(results_file.sealed(copy.read_bytes()))
+    named = {"/trials/label", "/trials/planner", "/trials/problem"}
+    assert named <= set(verification(copy, no_references).misstated)
+
+
 def test_a_folder_is_verified_with_its_results_file(path, tmp_path):
     folder = tmp_path / "folder"
     shutil.copytree(path.parent, folder)

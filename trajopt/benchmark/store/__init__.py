@@ -9,7 +9,8 @@ In reading order:
 - `atomic`: files that exist whole or not at all;
 - `proofs`: a stored lower bound, proved again;
 - `verdicts`: the verdict on a stored motion, computed here and kept in the user's cache;
-- `results_file`: `results.h5`, with a column per field and the trials' texts;
+- `layout`: what `results.h5` holds for people, by its names;
+- `results_file`: `results.h5`, written, read and compared with its texts;
 - `folder`: the results folder, and the one reader of folders, `results.h5` and texts;
 - `recheck`: everything that a text states, computed again.
 """
