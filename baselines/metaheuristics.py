@@ -289,9 +289,11 @@ def _alone(seed: int) -> Iterator[None]:
 def _limited(deadline: float) -> Iterator[None]:
     """Raise `Late` at this CPU time, s, also in a loop that evaluates nothing.
 
-    Outside a process's main thread, where Python allows no signals, `Counted` alone raises it.
+    Where Python has no such signal (Windows, other threads), `Counted` alone raises it.
     """
-    if not np.isfinite(deadline) or threading.current_thread() is not threading.main_thread():
+    signals = hasattr(signal, "setitimer")
+    signals &= threading.current_thread() is threading.main_thread()
+    if not np.isfinite(deadline) or not signals:
         yield
         return
 
