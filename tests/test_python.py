@@ -265,7 +265,7 @@ def test_one_problem_and_one_planner_need_no_list(tmp_path):
 def test_limits_of_a_trial_need_a_process(tmp_path):
     for limit in ({"timeout": 5.0}, {"memory": 1.0}):
         with pytest.raises(InvalidInput, match="jobs=1 or more"):
-            trajopt.compare(PROBLEM, "toppra", tmp_path, **limit)
+            trajopt.compare(PROBLEM, "toppra", tmp_path, jobs=0, **limit)
 
 
 def test_what_solve_returns_is_named_in_a_line(tmp_path):

@@ -21,11 +21,12 @@ from datetime import datetime
 from pathlib import Path
 
 from trajopt.benchmark.run import runner
+from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.run.tasks import Allowance, missing, plan
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Configuration, Trial, now
+from trajopt.benchmark.trial import Trial, now
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
@@ -44,7 +45,7 @@ def compare(
     folder: Path | str = "results",
     *,
     seeds: int = 30,
-    jobs: int = 0,
+    jobs: int = 1,
     fresh: bool = False,
     timeout: float = TIMEOUT,
     memory: float | None = None,
@@ -65,7 +66,7 @@ def compare(
         folder: Where the trials are kept.
         seeds: Number of seeds of each stochastic planner.
         jobs: How many trials run side by side, each in a process of its planner's own, judged in
-            another; with 0 they run in this process, unsupervised.
+            another; with 0 they run and are judged in this process, unsupervised: for a debugger.
         fresh: Whether to run again what is there.
         timeout: Seconds after which a trial in a child process is stopped.
         memory: GiB that a trial's child process may have (Linux). Memory of its own is limited at
@@ -99,7 +100,11 @@ def compare(
     store = Store(Path(folder).absolute())  # planners may change the working folder
     allowed = Allowance.of(jobs, executor, timeout, memory)
     loaded = [catalogue.given(problem) for problem in problems]
-    tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
+
+    def ask(contestant: Contestant) -> Profile:
+        return runner.profiled(contestant, loaded, allowed)
+
+    tasks = plan(loaded, [ask(planner) for planner in planners], seeds, ask)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
     seen = store.seen()
     stored = seen.trials.values()

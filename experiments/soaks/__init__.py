@@ -9,6 +9,7 @@ Reading order:
 - `hostile_inputs`: files that a stranger crafted or an accident changed, made by `hostile_texts`
   and `forged_results`; `said` runs a command on them.
 - `nasty_planners`: planners that mean harm, which `nasty` defines.
+- `trusted`: what a planner's file, a package or a file of results makes a command believe.
 
 Attacks that are texts or tables stand in the folder `data`.
 """

@@ -23,6 +23,7 @@ from trajopt import (
     Trajectory,
 )
 from trajopt import comparison as run
+from trajopt.benchmark.run.runner import profiled
 from trajopt.benchmark.run.tasks import Allowance, plan
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
@@ -186,7 +187,7 @@ def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_p
         pass
 
     planners = [("local", Local(segment_time=0.1)), ("pso", load("pso:iterations=20"))]
-    here = compare(planners, tmp_path / "a", seeds=2)
+    here = compare(planners, tmp_path / "a", seeds=2, jobs=0)
     there = compare(planners, tmp_path / "b", seeds=2, jobs=2)
     # 15/8 · 0.6 rad / 0.1 s against 1 rad/s; 10/√3 · 0.6 / 0.1² against 2 rad/s²
     k = max(15 / 8 * 6, np.sqrt(10 / np.sqrt(3) * 60 / 2))
@@ -377,8 +378,8 @@ def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
     results = run.compare([PROBLEM], [("mine", Mine())], tmp_path)
     assert sorted(t.planner for t in results.items) == ["exact", "mine"]
     assert results.references()["kind"].tolist() == ["exact"]
-    twice = [Configuration.of(planner, name) for name, planner in FAST * 2]
-    assert [t.configuration.entrant.name for t in plan([PROBLEM], twice, 5)] == ["exact"]
+    twice = [profiled(pair, [PROBLEM], Allowance()) for pair in FAST * 2]
+    assert [t.profile.entrant.name for t in plan([PROBLEM], twice, 5, pytest.fail)] == ["exact"]
 
 
 def test_progress_counts_every_trial_once(tmp_path):

@@ -1,6 +1,7 @@
 """`trajopt compare … --against`: the words and numbers of its tables, from closed forms."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -102,7 +103,8 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(command.comparison, "compare", compared)
     monkeypatch.setattr(command.draw, "draw", lambda *arguments, **options: [])
     rival = "slow:first=11.0"
-    monkeypatch.setattr(command, "label_of", lambda name, planner: rival)
+    entrant = SimpleNamespace(label=rival)
+    monkeypatch.setattr(command, "profiled", lambda *_: SimpleNamespace(entrant=entrant))
     arguments = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]
     with pytest.raises(SystemExit) as stop:
         app.main([*arguments, "--against", "ruckig-stop"])

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from trials import forged
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem
 from trajopt import comparison as run
+from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.cli import compare, plan, suite_table
@@ -261,7 +263,7 @@ def test_out_is_not_overwritten_unless_asked_to(trajopt, tmp_path, monkeypatch):
     file = tmp_path / "t.json"
     file.write_text("mine", encoding="utf-8")
     ran = []
-    monkeypatch.setattr(plan, "judge", lambda *a: ran.append(a))
+    monkeypatch.setattr(plan, "Supervised", lambda *a: ran.append(a))
     arguments = ("plan one-joint --planner unoptimised --out", file)
     code, out, err = trajopt(*arguments)
     assert (code, out, ran) == (2, "", [])
@@ -278,7 +280,7 @@ def test_out_that_cannot_be_written_is_found_out_before_planning(
 ):
     (tmp_path / "file").write_text("", encoding="utf-8")
     (tmp_path / "folder.csv").mkdir()
-    monkeypatch.setattr(plan, "judge", lambda *a: pytest.fail("it planned"))
+    monkeypatch.setattr(plan, "Supervised", lambda *a: pytest.fail("it planned"))
     code, _, err = trajopt("plan one-joint --planner exact --out", tmp_path / name)
     assert code == 2
     assert re.fullmatch(rf"trajopt: --out is '.*{re.escape(name)}': expected .*\n", err)
@@ -287,7 +289,7 @@ def test_out_that_cannot_be_written_is_found_out_before_planning(
 def test_a_folder_that_may_not_be_written_is_found_out_before_planning(
     trajopt, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(plan, "judge", lambda *a: pytest.fail("it planned"))
+    monkeypatch.setattr(plan, "Supervised", lambda *a: pytest.fail("it planned"))
     monkeypatch.setattr(plan.os, "access", lambda path, mode: path != tmp_path)  # root may always
     code, _, err = trajopt("plan one-joint --planner exact --out", tmp_path / "a/t.csv")
     assert code == 2
@@ -841,11 +843,14 @@ class Drawn(Planner):
 def test_the_median_run_is_explained_unless_a_seed_is_named():
     problem = suite.load("one-joint")
     shortest = RuckigStop().solve(problem).trajectory.duration
-    median = explained_run(Drawn(), problem, None, "drawn")
+    drawn = Supervised(("drawn", Drawn()), problem, 2)
+    median = explained_run(drawn, problem, None)
     assert median.certified_duration == pytest.approx(shortest * (1 + 14 / 30), rel=1e-9)
-    named = explained_run(Drawn(), problem, 4, "drawn")
+    named = explained_run(drawn, problem, 4)
     assert named.certified_duration == pytest.approx(shortest * (1 + 28 / 30), rel=1e-9)
-    assert explained_run(RuckigStop(), problem, None, "ruckig-stop").seed == 0
+    drawn.close()
+    with closing(Supervised("ruckig-stop", problem)) as stopping:
+        assert explained_run(stopping, problem, None).seed == 0
 
 
 def test_a_results_folder_that_is_a_loop_of_links(trajopt, tmp_path):

@@ -368,7 +368,7 @@ def test_a_csv_comes_out_in_the_unit_that_came_in(trajopt, tmp_path):
 
 def test_a_missing_yaml_package_is_said_before_anything_is_planned(trajopt, tmp_path, monkeypatch):
     monkeypatch.setattr("trajopt.formats.yaml_file.yaml", None)
-    monkeypatch.setattr(plan, "judge", lambda *a: pytest.fail("it planned"))
+    monkeypatch.setattr(plan, "Supervised", lambda *a: pytest.fail("it planned"))
     code, _, err = trajopt("plan one-joint --planner exact --out m.yaml")
     assert code == 2
     assert 'pip install "mintime[ros]"' in err

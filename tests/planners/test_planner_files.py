@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from trajopt import InvalidInput, Limits, Problem, TrajoptError, UnknownName, compare
+from trajopt.benchmark.run import server
 from trajopt.benchmark.trial import Configuration
 from trajopt.cli import main
 from trajopt.core.exceptions import PlannerWarning
@@ -224,16 +225,17 @@ def test_no_planner_of_ours_reads_a_seed_that_it_says_does_not_matter(name):
 
 @pytest.mark.parametrize("command", ["plan", "explain"])
 def test_with_json_what_a_planner_prints_goes_to_standard_error(
-    file, tmp_path, capsys, monkeypatch, command
+    file, tmp_path, capfd, monkeypatch, command
 ):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(server, "_servers", [])  # a new one has the captured standard error
     text = 'print("imported")\n' + SOURCE.replace(
         "        found =", '        print("asked")\n        found ='
     )
     file.write_text(text, encoding="utf-8")
     with pytest.raises(SystemExit):
         main([command, "one-joint", "--planner", f"{file}:Slow", "--json"])
-    captured = capsys.readouterr()
+    captured = capfd.readouterr()
     assert json.loads(captured.out)["planner"] == "Slow"
     assert captured.err.startswith("imported\nasked\n")
 

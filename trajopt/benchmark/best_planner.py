@@ -6,6 +6,7 @@ answer.certified_duration, answer.certified_trajectory
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +14,9 @@ import numpy as np
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Record
+from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Configuration, Trial, judge, run
+from trajopt.benchmark.trial import Trial, judge
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.explain.references import best_planners
@@ -111,4 +113,5 @@ def plan(problem: Problem | str | Path, planner: object = None, *, seed: int = 0
     asked = catalogue.given(problem)
     if planner is None:
         return best(asked, seed).trial
-    return run(Configuration.given(planner), asked, [seed])[0]
+    with closing(Supervised(planner, asked)) as chosen:
+        return chosen.trials(asked, [seed])[0]

@@ -245,8 +245,10 @@ def _texts(value: Any, seen: set[int]) -> Iterator[Any]:
         yield plain(value, "a value that the planner uses")
         return
     if isinstance(value, type):
-        constants = vars(value).items()
-        yield sorted((name, repr(item)) for name, item in constants if isinstance(item, _CONSTANTS))
+        members = vars(value).items()
+        constants = [(name, repr(item)) for name, item in members if isinstance(item, _CONSTANTS)]
+        # pickling a class leaves its list of slots there
+        yield sorted(pair for pair in constants if pair[0] != "__slotnames__")
     for name, function in sorted(_functions(value).items()):
         yield [name, _source(function)]
         for used in _used(function):

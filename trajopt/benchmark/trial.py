@@ -320,7 +320,7 @@ def run(
 
 def answered(planner: Planner, problem: Problem, seeds: Sequence[int]) -> Answers:
     """Run a planner: this, and nothing else, calls a stranger's `solve`."""
-    loading_time = _load(planner.requires)
+    loading_time = load_required(planner.requires)
     began = time.perf_counter()
     solutions = _solutions(planner, problem, seeds)
     wall_time = time.perf_counter() - began
@@ -339,7 +339,8 @@ def judged(
     trials = []
     for seed, solution in zip(seeds, answers.solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
-        building_time = solution.setup_time / len(seeds)
+        stated = solution.setup_time
+        building_time = stated / len(seeds) if stated <= answers.wall_time else 0.0
         solve_time = answers.wall_time / len(seeds) - building_time
         blank = unanswered(entrant, problem, seed, status, message, limits)
         trial = replace(
@@ -418,8 +419,8 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certific
     return Status.INVALID, "; ".join(filter(None, [solution.message, flaws])), certificate
 
 
-def _load(modules: Sequence[str]) -> float:
-    """Import what a planner requires and is not there yet; how long that took, s."""
+def load_required(modules: Sequence[str]) -> float:
+    """Import what a planner requires and is not there yet; return how long that took, s."""
     absent = [name for name in modules if name not in sys.modules]
     if not absent:
         return 0.0

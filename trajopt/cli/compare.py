@@ -14,6 +14,8 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.judgement import GivenMotion, motion_of
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.processes import cpus
+from trajopt.benchmark.run.runner import profiled
+from trajopt.benchmark.run.tasks import Allowance
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import against as versus
 from trajopt.cli import asked, console, problem_tables, suite_table
@@ -33,8 +35,7 @@ from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem
-from trajopt.planners.registry import entries, named
-from trajopt.planners.registry import label as label_of
+from trajopt.planners.registry import entries
 from trajopt.views.analysis.gap_reference import improvements
 from trajopt.views.figures import draw
 from trajopt.views.results import Results
@@ -98,17 +99,18 @@ def compare(
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
         raise InvalidInput("PROBLEM", right)
     output = _outside_deleted_folder(output)
+    allowed = Allowance(timeout, memory)
     loaded = asked.problems(problems, robot)
     for name in dict.fromkeys(suite or []):
         loaded += catalogue.problems(name)
-    contestants: list[Contestant] = [*(planner or _default_planners())]
+    contestants: list[Contestant] = [*(planner or _default_planners(allowed))]
     asked.check_motion_unit(motion_unit, motion or [], "--motion-unit")
     contestants += _motions(motion or [], interpolation, motion_unit)
     if certify:
         contestants.append("certify")
     rival = None
     if against is not None:
-        rival = label_of(*named(against))
+        rival = profiled(against, [], allowed).entrant.label
         contestants.append(against)
     elsewhere = cluster.executor(dask) if dask else nullcontext()
     with elsewhere as executor:
@@ -179,15 +181,15 @@ def _motions(
         yield name, GivenMotion(given)
 
 
-def _default_planners() -> list[str]:
+def _default_planners(allowed: Allowance) -> list[str]:
     """Return the planners that take part unless others are named.
 
     Say on standard error which of them cannot be imported.
     """
     names = []
-    for name, entry in entries().items():
+    for name in entries():
         try:
-            if not entry.load().on_request:
+            if not profiled(name, [], allowed).on_request:
                 names.append(name)
         except TrajoptError as error:
             console.note(f"left out: {error}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,9 @@ from cyclopts import Parameter
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.judgement import without_jerk
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.run.processes import cpus
+from trajopt.benchmark.run.runner import Supervised
+from trajopt.benchmark.trial import Trial
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed, Writing
@@ -23,8 +26,6 @@ from trajopt.explain import decomposition
 from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
 from trajopt.judging.verification import verify
-from trajopt.planners.planner import Planner
-from trajopt.planners.registry import named
 from trajopt.views.figures import draw
 
 RUNS = 30  # seeds of a stochastic planner; the median run is explained
@@ -49,9 +50,20 @@ def explain(
         output: Folder for the figures.
     """
     asked_for = asked.problem(problem, robot, scaled=True)
+    with closing(Supervised(planner, asked_for, cpus())) as chosen:
+        return _explain(chosen, asked_for, problem, seed, output, json)
+
+
+def _explain(
+    chosen: Supervised,
+    asked_for: Problem,
+    problem: str,
+    seed: int | None,
+    output: Path,
+    json: bool,
+) -> int:
     with console.waiting("running the planner"):
-        name, chosen = named(planner)
-        trial = explained_run(chosen, asked_for, seed, name)
+        trial = explained_run(chosen, asked_for, seed)
     names = {"problem": trial.problem.name, "planner": trial.label, "seed": trial.seed}
     if trial.certified_trajectory is None:
         lifted = _without_jerk(trial, chosen, seed)
@@ -80,14 +92,14 @@ def explain(
     return 0
 
 
-def _without_jerk(trial: Trial, planner: Planner, seed: int | None) -> Explanation | None:
+def _without_jerk(trial: Trial, planner: Supervised, seed: int | None) -> Explanation | None:
     """Explain the motion without jerk limits, where these alone refuse it, or its planner."""
     lifted = without_jerk(trial.problem)
     if lifted is None:
         return None
     if trial.status is Status.UNSUPPORTED:
         with console.waiting("running the planner without jerk limits"):
-            trial = explained_run(planner, lifted, seed, trial.planner)
+            trial = explained_run(planner, lifted, seed)
     trajectory = trial.solution.trajectory
     if trajectory is None or not verify(lifted, trajectory).valid:
         return None
@@ -95,7 +107,7 @@ def _without_jerk(trial: Trial, planner: Planner, seed: int | None) -> Explanati
         return decomposition.explain(lifted, planner, trajectory, records.answer(lifted))
 
 
-def explained_run(planner: Planner, problem: Problem, seed: int | None, name: str) -> Trial:
+def explained_run(planner: Supervised, problem: Problem, seed: int | None) -> Trial:
     """Return the run with this seed; by default the median of a stochastic planner's runs.
 
     Of two runs in the middle the shorter is returned. Runs without an answer count as the longest.
@@ -103,7 +115,7 @@ def explained_run(planner: Planner, problem: Problem, seed: int | None, name: st
     seeds = [seed or 0]
     if seed is None and planner.stochastic:
         seeds = list(range(RUNS))
-    trials = judge(planner, problem, seeds, name)
+    trials = planner.trials(problem, seeds)
     trials.sort(key=lambda trial: trial.certified_duration or math.inf)
     return trials[(len(trials) - 1) // 2]
 

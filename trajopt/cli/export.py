@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from trajopt.benchmark.run.runner import profiled
+from trajopt.benchmark.run.tasks import Allowance
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import Writing, beside
 from trajopt.core.exceptions import InvalidInput, UnknownName
-from trajopt.planners.registry import label as label_of
-from trajopt.planners.registry import named
 from trajopt.views.export import latex, tables
 from trajopt.views.figures import draw
 from trajopt.views.results import Results
@@ -79,7 +79,9 @@ def _rival(results: Results, against: str, to: str) -> str:
     if to != "latex":
         raise InvalidInput("--against", "left out, unless it is --to latex", value=against)
     labels = results.planners().index
-    label = label_of(*named(against)) if ".py:" in against else against
+    label = against
+    if ".py:" in against:
+        label = profiled(against, [], Allowance()).entrant.label
     if label not in labels:
         raise UnknownName("planner of these trials", label, labels)
     return label

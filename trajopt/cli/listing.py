@@ -8,6 +8,9 @@ from typing import Any
 
 from rich.text import Text
 
+from trajopt.benchmark.run.profile import Profile
+from trajopt.benchmark.run.runner import profiled
+from trajopt.benchmark.run.tasks import Allowance
 from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
 from trajopt.cli.console import Grid
@@ -15,7 +18,7 @@ from trajopt.cli.parameters import Json
 from trajopt.core.exceptions import TrajoptError, UnknownName
 from trajopt.core.limits import LimitName, Limits
 from trajopt.core.problem import Problem
-from trajopt.planners.planner import Planner, Relation
+from trajopt.planners.planner import Relation
 from trajopt.planners.registry import Entry, entries
 
 _OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
@@ -46,7 +49,7 @@ def _one(name: str, *, as_json: bool) -> int:
         raise UnknownName("list or planner", name, [*_READ, *entries()])
     entry = entries()[name]
     row = described(entry)
-    row["choices"] = entry.load().choices() if row["available"] else {}
+    row["choices"] = entry.load().choices() if row["available"] and entry.is_own else {}
     if as_json:
         console.print_json(row)
         return 0
@@ -64,7 +67,6 @@ def described(entry: Entry) -> dict[str, Any]:
     then. It does not solve problems with limits that it `refuses`. It may break any other limit,
     which the verifier reports.
     """
-    missing = entry.missing()
     row: dict[str, Any] = {
         "name": entry.name,
         "description": "",
@@ -74,31 +76,30 @@ def described(entry: Entry) -> dict[str, Any]:
         "ignores": [],
         "refuses": [],
     }
+    problems = {limit: _limited_by(limit) for limit in _OPTIONAL_LIMITS}
     try:
-        planner = entry.load()
-        row["description"] = planner.description
-        row["options"] = planner.options()
-        row["on_request"] = planner.on_request
-        row["knows"] = list(planner.knows)
-        for limit in _OPTIONAL_LIMITS:
-            row.get(_fate(planner, limit), []).append(limit)
-    except TrajoptError:
-        pass  # `missing` tells the reason
+        profile = profiled(entry.name, list(problems.values()), Allowance())
+    except TrajoptError as error:
+        missing: str | None = str(error)
+    else:
+        missing = profile.missing
+        row["description"] = profile.description
+        row["options"] = profile.entrant.options
+        row["on_request"] = profile.on_request
+        row["knows"] = list(profile.knows)
+        for limit, problem in problems.items():
+            row.get(_fate(profile, problem), []).append(limit)
     row["available"] = missing is None
     row["missing"] = missing
     return row
 
 
-def _fate(planner: Planner, limit: LimitName) -> str:
+def _fate(profile: Profile, problem: Problem) -> str:
     """Tell whether a planner `ignores` or `refuses` a kind of limit; empty for neither."""
-    problem = _limited_by(limit)
-    try:
-        if planner.unsupported(problem) is not None:
-            return "refuses"
-        if planner.relation(problem) is Relation.RELAXATION:
-            return "ignores"
-    except Exception:  # a stranger's planner: its trials record the error
-        return ""
+    if profile.refusals[problem.digest()] is not None:
+        return "refuses"
+    if profile.relations[problem.digest()] is Relation.RELAXATION:
+        return "ignores"
     return ""
 
 

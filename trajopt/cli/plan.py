@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +14,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_planner import best
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.run.runner import Supervised
+from trajopt.benchmark.trial import Trial
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences
@@ -24,7 +26,6 @@ from trajopt.core.problem import Problem
 from trajopt.formats import yaml_file
 from trajopt.judging.smoothness import Smoothness, unit
 from trajopt.judging.verification import Certificate, verify
-from trajopt.planners.registry import named
 from trajopt.views import table_cells
 from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Executed, Points, Target, peak
@@ -88,8 +89,8 @@ def plan(
             found = best(asked_for, seed)
             trial = found.trial
         else:
-            name, chosen = named(planner)
-            trial = judge(chosen, asked_for, [seed], name)[0]
+            with closing(Supervised(planner, asked_for)) as chosen:
+                (trial,) = chosen.trials(asked_for, [seed])
     names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
     table = names | trial.as_dict() | (found.as_dict() if found else {})
     if not json:

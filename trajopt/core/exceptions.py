@@ -52,10 +52,11 @@ class TrajoptError(Exception):
     """Base of every error that this package raises on purpose; each survives pickling."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (type(self), super().__reduce__()[1], self.__dict__)
+        return rebuilt, (type(self), super().__reduce__()[1], self.__dict__)
 
 
-def _rebuilt(kind: type[TrajoptError], args: tuple[Any, ...], data: dict[str, Any]) -> TrajoptError:
+def rebuilt(kind: type[TrajoptError], args: tuple[Any, ...], data: dict[str, Any]) -> TrajoptError:
+    """Return an error of this class with this data."""
     error = kind.__new__(kind, *args)
     error.__dict__.update(data)
     return error

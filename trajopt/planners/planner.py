@@ -414,7 +414,7 @@ def backend(name: str, extra: str = "") -> Any:
         raise MissingBackend(package, extra) from error
 
 
-def raised(error: Exception) -> str:
+def raised(error: BaseException) -> str:
     """Name an exception of a planner, and the last line outside of other packages."""
     frames = traceback.extract_tb(error.__traceback__)
     own = (frame for frame in reversed(frames) if "site-packages" not in frame.filename)

@@ -23,19 +23,37 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend, TrajoptError, 
 from trajopt.planners.planner import Planner, adapted, is_solve, raised
 
 GROUP = "trajopt.planners"
+DISTRIBUTION = "mintime"  # whose planners are ours
 
 PlannerT = TypeVar("PlannerT")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered planner, not yet imported."""
+    """A registered planner, not yet imported.
+
+    Attributes:
+        name: Of the planner.
+        point: What is imported.
+        rival: Another distribution's entry point of this name: then neither can be imported.
+    """
 
     name: str
     point: EntryPoint
+    rival: EntryPoint | None = None
+
+    @property
+    def is_own(self) -> bool:
+        """True if this distribution registers it, and no other does."""
+        return self.rival is None and _distribution(self.point) == DISTRIBUTION
 
     def load(self) -> Planner:
         """The planner with its default options; raises `TrajoptError` if it cannot be imported."""
+        if self.rival is not None:
+            both = f"{_distribution(self.point)} and {_distribution(self.rival)}"
+            raise TrajoptError(
+                f"planner {self.name!r} is registered by two distributions, {both}: uninstall one"
+            )
         with self.imports():
             return adapted(_object(self.point.load()))
 
@@ -44,7 +62,7 @@ class Entry:
         """Raise `TrajoptError` for whatever goes wrong while its code is imported."""
         try:
             yield
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             package = self.point.module.partition(".")[0]
             if isinstance(error, ModuleNotFoundError):
                 absent = (error.name or package).partition(".")[0]
@@ -60,11 +78,21 @@ class Entry:
             planner = self.load()
         except TrajoptError as error:
             return str(error)
-        packages = sorted({name.partition(".")[0] for name in planner.requires})
-        absent = [name for name in packages if importlib.util.find_spec(name) is None]
-        if not absent:
-            return None
-        return str(MissingBackend(" ".join(absent), planner.extra))
+        return missing(planner)
+
+
+def missing(planner: Planner) -> str | None:
+    """Return which packages a planner lacks, with the command that mends it, or None."""
+    packages = sorted({name.partition(".")[0] for name in planner.requires})
+    absent = [name for name in packages if importlib.util.find_spec(name) is None]
+    if not absent:
+        return None
+    return str(MissingBackend(" ".join(absent), planner.extra))
+
+
+def _distribution(point: EntryPoint) -> str:
+    """Return the name of the distribution that registers an entry point; empty for a file's."""
+    return point.dist.name if point.dist else ""
 
 
 def _shadow(package: str) -> str:
@@ -89,8 +117,14 @@ def _object(target: Any) -> object:
 @cache
 def entries() -> dict[str, Entry]:
     """Every registered planner by name."""
-    points = entry_points(group=GROUP)
-    return {point.name: Entry(point.name, point) for point in points}
+    found: dict[str, Entry] = {}
+    for point in entry_points(group=GROUP):
+        known = found.get(point.name)
+        if known is None:
+            found[point.name] = Entry(point.name, point)
+        elif _distribution(known.point) != _distribution(point):
+            found[point.name] = replace(known, rival=point)
+    return found
 
 
 def in_file(file: Path, name: str) -> Entry:
@@ -104,13 +138,11 @@ def in_file(file: Path, name: str) -> Entry:
         UnknownName: It defines no such name; the message lists its planners.
         TrajoptError: It cannot be imported.
     """
-    if not file.is_file():
-        raise InvalidInput("planner", "a Python file that exists", value=str(file))
+    label = _name_in_file(file, name)
     path = file.resolve()
     folder = str(path.parent)
     if folder not in sys.path:
         sys.path.append(folder)
-    label = f"{path.stem}.{name}" if name in entries() else name
     entry = Entry(label, EntryPoint(label, f"{path.stem}:{name}", GROUP))
     with entry.imports():
         module = importlib.import_module(path.stem)
@@ -126,6 +158,40 @@ def in_file(file: Path, name: str) -> Entry:
             raise InvalidInput("planner", right, value=str(file))
         raise UnknownName(f"planner of {file}", name, own)
     return entry
+
+
+def _name_in_file(file: Path, name: str) -> str:
+    """Return the name of a planner of a file; a registered planner's name gets the file's."""
+    if not file.is_file():
+        raise InvalidInput("planner", "a Python file that exists", value=str(file))
+    return f"{file.resolve().stem}.{name}" if name in entries() else name
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What names a planner, before anything of it is imported.
+
+    Attributes:
+        text: The spec, with the absolute path of a file.
+        name: The planner's name.
+        is_own: Whether this distribution registers the planner.
+    """
+
+    text: str
+    name: str
+    is_own: bool
+
+
+def find(spec: str) -> Spec:
+    """Find what a spec names, and import nothing; raises as `named` does."""
+    name, _ = parse(spec)
+    file, _, own = name.partition(":")
+    if file.endswith(".py"):
+        label = _name_in_file(Path(file), own)
+        return Spec(spec.strip().replace(file, str(Path(file).resolve()), 1), label, False)
+    if name not in entries():
+        raise UnknownName("planner", name, entries())
+    return Spec(spec, name, entries()[name].is_own)
 
 
 def load(spec: str) -> Planner:

@@ -2,22 +2,25 @@
 
 A message is a text in JSON, in which a solution is written as in a trial's text. A pickle would run
 the sender's code when it is read; this text does not. `unpacked` checks it like a stranger's file.
+It says no times: the judge measures them.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from math import inf
 from typing import Any
 
 from trajopt.benchmark.store.document import packed_solution, solution_of
 from trajopt.benchmark.trial import Answers, crash
+from trajopt.core.files import MAX_VALUES
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import Relation
 
 MAX_MESSAGE_BYTES = 2**26
 TOO_LARGE = f"its answer is larger than {MAX_MESSAGE_BYTES >> 20} MiB"
+TOO_MANY = f"its answer has more than {MAX_VALUES} values"
+_MARKS = (b",", b"[", b"{")  # one of these precedes every value but the first
 
 
 def packed(answers: Answers) -> bytes:
@@ -25,13 +28,18 @@ def packed(answers: Answers) -> bytes:
     table = {
         "solutions": [_packed(solution) for solution in answers.solutions],
         "relation": answers.relation.name,
-        "loading_time": answers.loading_time,
-        "wall_time": answers.wall_time,
     }
     message = json.dumps(table).encode()
     if len(message) > MAX_MESSAGE_BYTES:
         return packed(answers.instead(crash(TOO_LARGE)))
+    if _values(message) > MAX_VALUES:
+        return packed(answers.instead(crash(TOO_MANY)))
     return message
+
+
+def _values(message: bytes) -> int:
+    """Return at most how many values a message holds: they take more memory than its bytes."""
+    return sum(message.count(mark) for mark in _MARKS)
 
 
 def unpacked(message: bytes, count: int) -> Answers:
@@ -41,16 +49,13 @@ def unpacked(message: bytes, count: int) -> Answers:
         Exception: The message is not made by `packed`, or has not `count` answers. A stranger may
             have written it, so that any exception is possible.
     """
+    if _values(message) > MAX_VALUES:
+        raise ValueError(TOO_MANY)
     table = json.loads(message)
     solutions = [solution_of(row) for row in table["solutions"]]
     if len(solutions) != count:
         raise ValueError(f"expected {count} answers, found {len(solutions)}")
-    return Answers(
-        solutions,
-        Relation[table["relation"]],
-        loading_time=_seconds(table["loading_time"]),
-        wall_time=_seconds(table["wall_time"]),
-    )
+    return Answers(solutions, Relation[table["relation"]])
 
 
 def _packed(solution: Solution) -> Mapping[str, Any]:
@@ -58,10 +63,3 @@ def _packed(solution: Solution) -> Mapping[str, Any]:
         return packed_solution(solution)
     except Exception as error:
         return packed_solution(crash(f"{type(error).__name__}: {error}"))
-
-
-def _seconds(value: Any) -> float:
-    seconds = float(value)
-    if not 0 <= seconds < inf:
-        raise ValueError(f"{seconds} s is not a duration")
-    return seconds

@@ -1,9 +1,9 @@
 """Judge answers in a process that never runs a planner's code, so that its verdict can be trusted.
 
-A judge is forked from the server (`server.py`) and serves one run until that ends. It has one
-solver process at a time (`solver.py`), a new one for each planner with its options. The answer of
-that process is plain data. The judge verifies it on the run's own problem, stores the trials, and
-sends them to the run. Everything that a planner started ends with its solver process.
+A judge is forked from the server (`server.py`) and serves one run and one planner with its options
+until that ends. The planner runs in a solver process (`solver.py`), whose answers are plain data.
+The judge measures the time of an answer, verifies it on the run's own problem, stores the trials,
+and sends them to the run. Everything that a planner started ends with its solver process.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import pickle
 import select
 import signal
 import socket
+import sys
 import time
 import traceback
 from collections.abc import Iterator
@@ -45,24 +46,48 @@ _TAIL_BYTES = 4096  # kept of a planner's output
 _TAIL_LINES = 10
 _MEMORY_INTERVAL_S = 0.1  # between two measurements of the memory in use
 MIN_VERIFICATION_TIMEOUT_S = 60.0
-# A solver's clock may lag behind the judge's by this: seconds, plus a share of the time.
-_CLOCK_ATOL_S = 0.5
-_CLOCK_RTOL = 0.2
+_ALARM_INTERVAL_S = 0.1  # between alarms from the end of the time on
+_EMPTY_QUESTIONS = 3  # whose shortest time is that of asking
 
 
 @dataclass(frozen=True)
 class Request:
     """A request to a judge: run one planner on one problem with these seeds.
 
-    `planner` is pickled: reading it would run a stranger's code.
+    Attributes:
+        source: The planner's spec, or the planner pickled: reading that would run its code.
+        digest: Of the code that judges where the run was started.
     """
 
     entrant: Entrant
     problem: Problem
     seeds: tuple[int, ...]
-    planner: bytes
+    source: str | bytes
     store: Store
     allowed: Allowance
+    digest: str = ""
+
+
+@dataclass(frozen=True)
+class Inquiry:
+    """A request to a judge: have a planner described (`profile.described`)."""
+
+    question: solver.Describe
+    allowed: Allowance
+
+
+class _Limit(NamedTuple):
+    """Time and memory that questions may take: s, the monotonic clock at their end, GiB."""
+
+    seconds: float
+    end: float
+    memory: float | None
+
+    @classmethod
+    def of(cls, allowed: Allowance, trials: int = 1) -> _Limit:
+        """Return the limit of so many trials from now on."""
+        seconds = allowed.timeout * trials
+        return cls(seconds, time.monotonic() + seconds, allowed.memory)
 
 
 class Ending(NamedTuple):
@@ -82,6 +107,7 @@ def serve(link: socket.socket) -> NoReturn:
     """Serve one request after another in a new process until the run hangs up."""
     processes.adopt_orphans()
     processes.seal_memory(True)
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)
     with link.makefile("rwb") as stream:
         around: Surroundings = pickle.load(stream)
         os.environ.clear()
@@ -97,8 +123,10 @@ def serve(link: socket.socket) -> NoReturn:
             stream.flush()
 
 
-def _served(bench: _Bench, request: Request) -> list[Written] | Failure:
+def _served(bench: _Bench, request: Request | Inquiry) -> list[Written] | bytes | Ending | Failure:
     try:
+        if isinstance(request, Inquiry):
+            return bench.inquire(request)
         return bench.serve(request)
     except Exception as error:
         with suppress(Exception):
@@ -136,14 +164,14 @@ def _lost(trial: Trial) -> Trial:
 class _Solver:
     """A solver process as its judge sees it: its number, and the judge's ends of its pipes."""
 
-    def __init__(self, request: Request, around: Surroundings) -> None:
-        self.key = (request.planner, request.allowed.memory)
+    def __init__(self, around: Surroundings, memory: float | None, *, echo: bool = False) -> None:
+        self._echo = echo
         questions, self.ask = os.pipe()
         self.hear, answers = os.pipe()
         self.output, output = os.pipe()
         self.process = os.fork()
         if self.process == 0:
-            solver.live(questions, answers, output, around, request.allowed.memory)
+            solver.live(questions, answers, output, around, memory)
         for descriptor in (questions, answers, output):
             os.close(descriptor)
         for descriptor in (self.ask, self.output):
@@ -167,7 +195,11 @@ class _Solver:
     def drain(self) -> None:
         """Read its output, and keep the end."""
         with suppress(BlockingIOError):
-            self.tail = (self.tail + self.read(self.output))[-_TAIL_BYTES:]
+            data = self.read(self.output)
+            self.tail = (self.tail + data)[-_TAIL_BYTES:]
+            if self._echo:
+                sys.stderr.write(harmless(data.decode(errors="backslashreplace")))
+                sys.stderr.flush()
 
     def take(self, question: bytes) -> bytes:
         """Send as much of a question as the pipe takes; return the rest."""
@@ -203,7 +235,9 @@ class _Bench:
         self._link = link
         self._around = around
         self._solver: _Solver | None = None
+        self._asking_time = 0.0  # s, of an empty question
         self._child_ended = processes.wake_on_children()
+        self._limits = processes.limits()
 
     def leave(self) -> NoReturn:
         """End everything that was started, then this process."""
@@ -211,43 +245,86 @@ class _Bench:
         processes.end_children()
         os._exit(0)
 
+    def inquire(self, inquiry: Inquiry) -> bytes | Ending:
+        """Ask for a description; return the message, or in a line how the process ended."""
+        limit = _Limit.of(inquiry.allowed)
+        self._solver = _Solver(self._around, limit.memory)
+        reply = self._reply(inquiry.question, limit)
+        printed = self._printed().rpartition("\n")[2]
+        self._clear()
+        if isinstance(reply, Ending) and printed:
+            return Ending(reply.status, f"{reply.message}; it printed last: {printed}")
+        return reply
+
     def serve(self, request: Request) -> list[Written]:
         """Ask the planner, verify its answers and store the trials."""
         started = now()
-        began = time.monotonic()
-        reply = self._reply(request)
-        elapsed = time.monotonic() - began
-        current = self._solver
-        printed = "" if current is None else current.last_lines
+        reply, loading_time, wall_time = self._timed(request)
+        printed = self._printed()
         if isinstance(reply, Ending):
             self._clear()
             return record(request, reply.status, _with_output(reply.message, printed))
-        try:
-            answers = answer.unpacked(reply, len(request.seeds))
-        except Exception as error:
-            self._clear()
-            message = f"its process answered what no planner can: {type(error).__name__}: {error}"
-            return record(request, Status.CRASHED, _with_output(message[:_TAIL_BYTES], printed))
-        solutions = [_explained(solution, printed) for solution in answers.solutions]
-        timed = replace(answers, solutions=solutions, wall_time=_believed(answers, elapsed))
         limit = max(MIN_VERIFICATION_TIMEOUT_S, request.allowed.timeout * len(request.seeds))
         try:
             with _at_most(limit):
+                try:
+                    answers = answer.unpacked(reply, len(request.seeds))
+                except (TimeoutError, MemoryError):
+                    raise
+                except Exception as error:
+                    self._clear()
+                    wrong = f"its process answered what no planner can: {type(error).__name__}"
+                    message = _with_output(f"{wrong}: {error}"[:_TAIL_BYTES], printed)
+                    return record(request, Status.CRASHED, message)
+                solutions = [_explained(solution, printed) for solution in answers.solutions]
+                timed = Answers(solutions, answers.relation, loading_time, wall_time)
                 return judge_here(request, timed, started)
         except TimeoutError:
             return record(request, Status.CRASHED, f"verifying it took more than {limit:g} s")
         except MemoryError:
             return record(request, Status.CRASHED, "verifying it took more memory than there is")
 
-    def _reply(self, request: Request) -> bytes | Ending:
+    def _timed(self, request: Request) -> tuple[bytes | Ending, float, float]:
+        """Return the answer, or how the process ended, and the times to load and to solve, s.
+
+        Both are measured here, less the time of an empty question.
+        """
+        limit = _Limit.of(request.allowed, len(request.seeds))
+        loading_time = 0.0
+
+        def asked(question: solver.Question) -> tuple[bytes | Ending, float]:
+            began = time.monotonic()
+            reply = self._reply(question, limit)
+            return reply, time.monotonic() - began
+
+        if self._solver is not None:
+            self._solver.tail = b""
+        else:
+            self._solver = _Solver(self._around, limit.memory, echo=request.allowed.echo)
+            reply, loading_time = asked(solver.Load(request.source))
+            times = []
+            for _ in range(_EMPTY_QUESTIONS):
+                if isinstance(reply, Ending):
+                    return reply, 0.0, 0.0
+                reply, seconds = asked(solver.Empty())
+                times.append(seconds)
+            self._asking_time = min(times)
+        reply, wall_time = asked(solver.Solve(request.problem, request.seeds))
+        loading_time, wall_time = (
+            max(0.0, seconds - self._asking_time) for seconds in (loading_time, wall_time)
+        )
+        return reply, loading_time, wall_time
+
+    def _reply(self, asked: solver.Question, limit: _Limit) -> bytes | Ending:
         """Return the message of the solver process, or how it ended without one."""
-        current = self._solver_for(request)
-        question = pickle.dumps((request.planner, request.problem, request.seeds))
+        current = self._solver
+        assert current is not None
+        end = limit.end
+        current.signal(signal.SIGCONT)
+        question = pickle.dumps(asked)
         heard = bytearray()
-        seconds = request.allowed.timeout * len(request.seeds)
         look = time.monotonic()
-        end = look + seconds
-        ending = Ending(Status.TIMEOUT, f"stopped after {seconds:g} s")
+        ending = Ending(Status.TIMEOUT, f"stopped after {limit.seconds:g} s")
         while True:
             left = end - time.monotonic()
             if left <= 0:
@@ -280,20 +357,19 @@ class _Bench:
                     return Ending(Status.CRASHED, _cause_of_end(code))
             if time.monotonic() >= look:
                 look = time.monotonic() + _MEMORY_INTERVAL_S
-                memory = request.allowed.memory
+                memory = limit.memory
                 if memory is not None and processes.memory_in_use() > memory * 2**30:
                     return Ending(Status.CRASHED, OUT_OF_MEMORY)
 
-    def _solver_for(self, request: Request) -> _Solver:
-        """Return the current process if it has this planner, else a new one."""
-        current = self._solver
-        if current is not None and current.key == (request.planner, request.allowed.memory):
-            current.tail = b""
-            current.signal(signal.SIGCONT)
-            return current
-        self._clear()
-        self._solver = _Solver(request, self._around)
-        return self._solver
+    def _printed(self) -> str:
+        """Return the end of the planner's output; end here if limits were lowered from below."""
+        assert self._solver is not None
+        self._solver.drain()
+        try:
+            processes.restore_limits(self._limits)
+        except (OSError, ValueError):
+            self.leave()
+        return self._solver.last_lines
 
     def _clear(self) -> None:
         if self._solver is not None:
@@ -326,25 +402,19 @@ def _explained(solution: Solution, printed: str) -> Solution:
     return crash(f"what it printed last:\n{printed}\n\n{solution.message}")
 
 
-def _believed(answers: Answers, elapsed: float) -> float:
-    """Return the wall time of the call, s, by the planner's clock where that agrees with ours."""
-    known = answers.loading_time + answers.wall_time
-    slack = _CLOCK_ATOL_S + _CLOCK_RTOL * elapsed
-    if known > elapsed or elapsed > known + slack:
-        return elapsed
-    return answers.wall_time
-
-
 @contextmanager
 def _at_most(seconds: float) -> Iterator[None]:
-    """Raise `TimeoutError` in the block when it takes longer."""
+    """Raise `TimeoutError` in the block when it takes longer; ignore alarms that others send."""
+    end = time.monotonic() + seconds
 
     def late(sign: int, frame: FrameType | None) -> None:
-        raise TimeoutError
+        if time.monotonic() >= end:
+            raise TimeoutError
 
     signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e9))
+    signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e9), _ALARM_INTERVAL_S)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)

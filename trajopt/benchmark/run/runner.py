@@ -5,24 +5,38 @@ from __future__ import annotations
 import atexit
 import os
 import pickle
+import platform
 import socket
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Executor, as_completed
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from multiprocessing.connection import wait
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import cloudpickle
 
+from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.run import answer, server
-from trajopt.benchmark.run.judge import Failure, Request, judge_here, record
-from trajopt.benchmark.run.solver import Surroundings
-from trajopt.benchmark.run.tasks import Allowance, Task
+from trajopt.benchmark.run.judge import Ending, Failure, Inquiry, Request, judge_here, record
+from trajopt.benchmark.run.profile import Profile
+from trajopt.benchmark.run.solver import Describe, Surroundings
+from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task, missing
+from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.folder import Store, Written
-from trajopt.benchmark.trial import answered, copied, now
-from trajopt.core.solution import Status
+from trajopt.benchmark.trial import Configuration, Trial, answered, copied, now
+from trajopt.core.exceptions import InvalidInput, TrajoptError, WorkerError
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import find
+
+IMPORT_TIMEOUT_S = 60.0  # for a stranger's planner to be imported and described
+_END_TIMEOUT_S = 30.0  # for a judge to end
+_MAX_IDLE = 1  # judges that an executor's worker keeps
 
 
 class Finished(NamedTuple):
@@ -50,34 +64,60 @@ def here(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[F
     """Run the tasks in this process, unsupervised."""
     for task in tasks:
         started = now()
-        answers = answered(task.configuration.planner, copied(task.problem), task.seeds)
+        answers = answered(task.profile.planner, copied(task.problem), task.seeds)
         plain = answer.unpacked(answer.packed(answers), len(task.seeds))
+        timed = replace(plain, loading_time=answers.loading_time, wall_time=answers.wall_time)
         request = _request(task, b"", store, allowed)
-        yield Finished(task, judge_here(request, plain, started))
+        yield Finished(task, judge_here(request, timed, started))
 
 
 def in_children(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
     """Run `allowed.jobs` tasks at a time, each planner in a process that a judge supervises."""
-    waiting = _requests(tasks, store, allowed)
-    idle: list[_Judge] = []
-    busy: dict[_Judge, tuple[Task, Request]] = {}
-    try:
+    with closing(Judges()) as judges:
+        yield from judges.run(tasks, store, allowed)
+
+
+class Judges:
+    """Judges of this machine, each for one planner, and idle until it is asked again."""
+
+    def __init__(self) -> None:
+        self._idle: list[_Judge] = []
+        self._busy: dict[_Judge, tuple[Task, Request]] = {}
+
+    def run(self, tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
+        """Run `allowed.jobs` tasks at a time."""
+        waiting = _requests(tasks, store, allowed)
+        busy = self._busy
         while waiting or busy:
             while waiting and len(busy) < allowed.jobs:
-                judge = idle.pop() if idle else _Judge()
                 task, request = waiting.popleft()
+                judge = self._for(request, allowed.jobs)
                 busy[judge] = task, request
                 judge.ask(request)
             ready = wait([judge.link for judge in busy])
             for judge in [judge for judge in busy if judge.link in ready]:
                 task, request = busy[judge]
-                written = judge.answer()
+                done = judge.answer()
                 del busy[judge]
-                if written is not None:
-                    idle.append(judge)
-                yield Finished(task, _or_lost(written, request))
-    finally:
-        for judge in [*idle, *busy]:
+                if done is None:
+                    judge.end()
+                else:
+                    self._idle.append(judge)
+                yield Finished(task, _or_lost(done, request))
+
+    def _for(self, request: Request, jobs: int) -> _Judge:
+        """Return the idle judge of a planner, or a new one in place of an idle one of another."""
+        for judge in self._idle:
+            if judge.source == request.source:
+                self._idle.remove(judge)
+                return judge
+        if len(self._idle) + len(self._busy) >= jobs:
+            self._idle.pop(0).end()
+        return _Judge(request.source)
+
+    def close(self) -> None:
+        """End all judges, and what they still run."""
+        for judge in [*self._idle, *self._busy]:
             judge.end()
 
 
@@ -97,38 +137,117 @@ def on_executor(
 
 
 def supervised(request: Request) -> list[Written]:
-    """Run a request under a judge of this process, which is an executor's worker."""
+    """Run a request under a judge of this process, which is an executor's worker.
+
+    Raises:
+        WorkerError: The worker's installation judges by other code than the run's.
+    """
+    if provenance()["judge_digest"] != request.digest:
+        raise WorkerError(
+            f"a worker on {platform.node()} has another version of trajopt than this run; install "
+            "the same there"
+        )
     own = _idle.setdefault(os.getpid(), [])
-    try:
-        judge = own.pop()
-    except IndexError:
-        judge = _Judge()
+    known = [judge for judge in own if judge.source == request.source]
+    judge = known[0] if known else _Judge(request.source)
+    if known:
+        own.remove(judge)
     judge.ask(request)
-    written = judge.answer()
-    if written is not None:
+    done = judge.answer()
+    if done is None:
+        judge.end()
+    else:
         own.append(judge)
-    return _or_lost(written, request)
+    while len(own) > _MAX_IDLE:
+        own.pop(0).end()
+    return _or_lost(done, request)
+
+
+def profiled(contestant: object, problems: Sequence[Problem], allowed: Allowance) -> Profile:
+    """Describe a planner, a spec, or a pair of a name and a planner.
+
+    A stranger's code is imported in a process of its own: no longer than a trial may take, nor
+    than `IMPORT_TIMEOUT_S`.
+
+    Raises:
+        TrajoptError: There is no such planner, or it cannot be imported or described.
+    """
+    if not isinstance(contestant, str):
+        configuration = Configuration.given(contestant)
+        return Profile.of(configuration, configuration.planner, problems)
+    spec = find(contestant)
+    if spec.is_own or not HAS_JUDGES:
+        return Profile.of(Configuration.given(contestant), spec.text, problems)
+    limited = replace(allowed, timeout=min(allowed.timeout, IMPORT_TIMEOUT_S))
+    judge = _Judge("")
+    try:
+        judge.ask(Inquiry(Describe(spec.text, tuple(problems)), limited))
+        said = judge.answer()
+    finally:
+        judge.end()
+    if isinstance(said, bytes):
+        return Profile.read(said, spec)
+    why = said.message if isinstance(said, Ending) else "the process that asked it was killed"
+    raise TrajoptError(f"planner {contestant!r} cannot be loaded: {why}")
+
+
+class Supervised(Planner):
+    """A planner that runs in a process of its own, under a judge, and answers here.
+
+    Args:
+        contestant: A planner, a spec, or a pair of a name and a planner.
+        problem: That it will be asked first.
+        jobs: How many trials run side by side.
+    """
+
+    def __init__(self, contestant: object, problem: Problem, jobs: int = 1) -> None:
+        self._allowed = Allowance(jobs=jobs, isolation=OWN_PROCESS, echo=True)
+        if not HAS_JUDGES:
+            self._allowed = Allowance()
+        self.profile = profiled(contestant, [problem], self._allowed)
+        self.stochastic = self.profile.stochastic
+        self._judges = Judges()
+
+    def trials(self, problem: Problem, seeds: Sequence[int]) -> list[Trial]:
+        """Run it on a problem; return the judged answers, one a seed."""
+        task = Task(problem, self.profile, tuple(seeds))
+        with TemporaryDirectory(prefix="trajopt-") as folder:
+            store = Store(Path(folder))
+            tasks = list(missing(task, set()))
+            run = here if self._allowed.jobs == 0 else self._judges.run
+            found = [one for done in run(tasks, store, self._allowed) for one in done.written]
+        trials = [trial_text.read(one.text) for one in found]
+        return sorted(trials, key=lambda trial: trial.seed)
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """Return its answer, before anyone has checked it."""
+        return self.trials(problem, [seed])[0].solution
+
+    def close(self) -> None:
+        """End its processes."""
+        self._judges.close()
 
 
 class _Judge:
-    """A judge process, as the run sees it."""
+    """A judge process, as the run sees it, and the source of its planner."""
 
-    def __init__(self) -> None:
+    def __init__(self, source: str | bytes) -> None:
+        self.source = source
         self.link = server.judge()
         self._stream: Any = self.link.makefile("rwb")
         here = Surroundings.here()
         environment = {**here.environment, **server.SINGLE_THREADED}
         pickle.dump(replace(here, environment=environment), self._stream)
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: Request | Inquiry) -> None:
         """Send a request."""
         message = pickle.dumps(request)
         with suppress(OSError):  # a judge that died has no answer
             self._stream.write(message)
             self._stream.flush()
 
-    def answer(self) -> list[Written] | None:
-        """Wait for what was written; None if the judge was killed.
+    def answer(self) -> list[Written] | bytes | Ending | None:
+        """Wait for what was written, or described; None if the judge was killed.
 
         Raises:
             Exception: What the judge failed at, such as a full disk.
@@ -139,12 +258,13 @@ class _Judge:
             return None
         if isinstance(done, Failure):
             raise done.error
-        written: list[Written] = done
-        return written
+        answer: list[Written] | bytes | Ending = done
+        return answer
 
     def end(self) -> None:
         """Hang up, which ends the judge and its planner, and wait until it has ended."""
         with suppress(OSError):
+            self.link.settimeout(_END_TIMEOUT_S)
             self.link.shutdown(socket.SHUT_WR)
             while self.link.recv(1 << 16):
                 pass
@@ -163,9 +283,9 @@ def _end_idle() -> None:
         judge.end()
 
 
-def _or_lost(written: list[Written] | None, request: Request) -> list[Written]:
-    if written is not None:
-        return written
+def _or_lost(done: list[Written] | bytes | Ending | None, request: Request) -> list[Written]:
+    if isinstance(done, list):
+        return done
     message = "the process that judged it was killed, perhaps by the planner"
     return record(request, Status.CRASHED, message)
 
@@ -177,23 +297,34 @@ def _requests(
 
     Requests of one planner are neighbours: a judge keeps the planner's process.
     """
-    pickled: dict[int, bytes] = {}
+    made: dict[int, str | bytes] = {}
     for task in tasks:
-        planner = task.configuration.planner
-        if id(planner) not in pickled:
-            pickled[id(planner)] = cloudpickle.dumps(planner)
-    turns = list(pickled)
+        if id(task.profile) not in made:
+            made[id(task.profile)] = _pickled(task.profile)
+    turns = list(made)
 
     def rank(task: Task) -> tuple[int, int]:
-        return -len(task.seeds), turns.index(id(task.configuration.planner))
+        return -len(task.seeds), turns.index(id(task.profile))
 
-    requests: deque[tuple[Task, Request]] = deque()
-    for task in sorted(tasks, key=rank):
-        planner_bytes = pickled[id(task.configuration.planner)]
-        requests.append((task, _request(task, planner_bytes, store, allowed)))
-    return requests
+    return deque(
+        (task, _request(task, made[id(task.profile)], store, allowed))
+        for task in sorted(tasks, key=rank)
+    )
 
 
-def _request(task: Task, planner: bytes, store: Store, allowed: Allowance) -> Request:
-    entrant = task.configuration.entrant
-    return Request(entrant, task.problem, task.seeds, planner, store, allowed)
+def _pickled(profile: Profile) -> str | bytes:
+    """Return what a process makes the planner from: its spec, or the object pickled."""
+    if isinstance(profile.source, str):
+        return profile.source
+    try:
+        pickled: bytes = cloudpickle.dumps(profile.source)
+    except Exception as error:
+        right = f"an object that can be pickled, or jobs=0 ({type(error).__name__}: {error})"
+        raise InvalidInput(f"planner {profile.entrant.label}", right) from error
+    return pickled
+
+
+def _request(task: Task, source: str | bytes, store: Store, allowed: Allowance) -> Request:
+    digest = provenance()["judge_digest"]
+    entrant = task.profile.entrant
+    return Request(entrant, task.problem, task.seeds, source, store, allowed, digest)

@@ -2,8 +2,10 @@
 
 It is not safe to fork a process that runs threads or has loaded solvers. The server has done
 neither, and forks a judge in milliseconds, where a fresh interpreter takes half a second. It
-imports modules from where the run does, never from the working folder. When the run ends, in
-whatever way, the server kills all judges and everything that planners started.
+imports this package from where the run does, all else as a fresh interpreter, and only then from
+the run's other folders: a `json.py` beside a script hides nothing. Each judge begins with the
+limits that the server began with. When the run ends, in whatever way, the server kills all judges
+and everything that planners started.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import sys
 import threading
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 _LOADED = ("trajopt.benchmark.run.judge", "trajopt.planners.swarm_planner")
@@ -27,10 +30,15 @@ _LOADED = ("trajopt.benchmark.run.judge", "trajopt.planners.swarm_planner")
 _COMMAND = (sys.executable, "-P", "-c")
 _PROGRAM = """\
 import json, sys
-sys.path[:] = json.loads(sys.argv[1])
+folder, others, descriptor = sys.argv[1:]
+own = [*sys.path]
+sys.path.insert(0, folder)
+import trajopt
+sys.path[:] = dict.fromkeys([*own, *json.loads(others)])
 from trajopt.benchmark.run import server
-server.serve(int(sys.argv[2]))
+server.serve(int(descriptor))
 """
+_END_TIMEOUT_S = 30.0  # for killed processes to be gone
 # Trials that run side by side must not fight for cores. NumPy reads this when it is imported.
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -41,10 +49,11 @@ class _Server:
     def __init__(self) -> None:
         self.owner = os.getpid()
         self.control, theirs = socket.socketpair()
-        path = json.dumps([entry for entry in sys.path if isinstance(entry, str)])
+        folder = str(Path(__file__).parents[3])
+        others = json.dumps([entry for entry in sys.path if isinstance(entry, str)])
         with theirs:
             self.process = subprocess.Popen(
-                [*_COMMAND, _PROGRAM, path, str(theirs.fileno())],
+                [*_COMMAND, _PROGRAM, folder, others, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 env=os.environ | SINGLE_THREADED,
                 pass_fds=[theirs.fileno()],
@@ -60,7 +69,12 @@ class _Server:
     def end(self) -> None:
         """End it, all its judges and what planners started."""
         self.control.close()
-        if self.owner == os.getpid():
+        if self.owner != os.getpid():
+            return
+        try:
+            self.process.wait(_END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
             self.process.wait()
 
 
@@ -86,6 +100,7 @@ def serve(descriptor: int) -> NoReturn:
     for name in _LOADED:
         import_module(name)
     provenance()  # runs git: once here, for all judges
+    limits = processes.limits()
     gc.freeze()  # else garbage collection would copy every page in every judge
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     processes.adopt_orphans()
@@ -112,6 +127,7 @@ def serve(descriptor: int) -> NoReturn:
                 if process == 0:
                     control.close()
                     try:
+                        processes.restore_limits(limits)
                         judge.serve(socket.socket(fileno=link))
                     finally:
                         os._exit(1)

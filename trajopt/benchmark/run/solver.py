@@ -11,18 +11,20 @@ import pickle
 import signal
 import struct
 import sys
-import time
 import traceback
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NoReturn, TextIO
 
 import cloudpickle
 
-from trajopt.benchmark.run import answer, processes
-from trajopt.benchmark.trial import OUT_OF_MEMORY, Answers, answered, crash
+from trajopt.benchmark.run import answer, processes, profile
+from trajopt.benchmark.trial import OUT_OF_MEMORY, Answers, answered, crash, load_required
 from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.planners import registry
 from trajopt.planners.planner import Planner, Relation
 
 SIZE = struct.Struct("<Q")  # precedes each message: its length, bytes
@@ -34,8 +36,39 @@ _QUESTIONS = 3
 _ANSWERS = 4
 _FIRST_FREE = 16  # from here up descriptors are moved, before they get the numbers above
 
-# A planner as pickled bytes (reading them runs a stranger's code), the problem, and the seeds.
-Question = tuple[bytes, Problem, Sequence[int]]
+
+@dataclass(frozen=True)
+class Describe:
+    """A question: what does this spec name, and what does that say of these problems?"""
+
+    spec: str
+    problems: Sequence[Problem]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A question: make a planner from its spec, or from an object as pickled bytes.
+
+    Reading the bytes runs a stranger's code.
+    """
+
+    source: str | bytes
+
+
+@dataclass(frozen=True)
+class Empty:
+    """A question without work: its time is that of asking."""
+
+
+@dataclass(frozen=True)
+class Solve:
+    """A question: what does the loaded planner answer to a problem, a solution per seed?"""
+
+    problem: Problem
+    seeds: Sequence[int]
+
+
+Question = Describe | Load | Empty | Solve
 
 
 @dataclass(frozen=True)
@@ -79,6 +112,7 @@ def live(
             os.chdir(around.folder)
         if memory is not None:
             _limit_memory(memory)
+        warnings.simplefilter("ignore", RuntimeWarning)  # what overflows the verifier refuses
         _answer_all()
         code = 0
     finally:
@@ -129,36 +163,61 @@ def _limit_memory(memory: float) -> None:
 
 def _answer_all() -> None:
     own = os.getpid()
-    planners: dict[bytes, Planner] = {}
+    solving = _Solving()
     with open(_QUESTIONS, "rb", closefd=False) as source:
         while True:
             try:
                 question = pickle.load(source)
             except EOFError:
                 return
-            message = _message(question, planners)
+            message = solving.message(question)
             if os.getpid() != own:  # a fork of the planner's that returned from `solve`
                 return
             _write(SIZE.pack(len(message)) + message)
 
 
-def _message(question: Question, planners: dict[bytes, Planner]) -> bytes:
-    """Return the planner's answers, or a crash for each, as a message."""
-    pickled, problem, seeds = question
+class _Solving:
+    """The planner of this process, or the crash that took its place."""
+
+    def __init__(self) -> None:
+        self._planner: Planner | Solution = crash("no planner was loaded")
+
+    def message(self, question: Question) -> bytes:
+        """Return the answer to a question as a message."""
+        if isinstance(question, Describe):
+            return profile.described(question.spec, question.problems)
+        if isinstance(question, Load):
+            self._planner = _loaded(question.source)
+        if isinstance(question, Solve):
+            return self._solved(question)
+        return b"{}"
+
+    def _solved(self, question: Solve) -> bytes:
+        lost = self._planner
+        if isinstance(lost, Planner):
+            try:
+                answers = answered(lost, question.problem, question.seeds)
+                return answer.packed(answers)
+            except BaseException as error:  # SystemExit too
+                lost = _crash(error)
+        return answer.packed(Answers([lost] * len(question.seeds), Relation.RESTRICTION))
+
+
+def _loaded(source: str | bytes) -> Planner | Solution:
+    """Make a planner, and import what it requires."""
     try:
-        began = time.perf_counter()
-        if pickled not in planners:
-            planners[pickled] = cloudpickle.loads(pickled)
-        loaded = time.perf_counter()
-        answers = answered(planners[pickled], problem, seeds)
-        loading_time = answers.loading_time + loaded - began
-        return answer.packed(replace(answers, loading_time=loading_time))
-    except MemoryError:
-        lost = crash(OUT_OF_MEMORY)
-    except BaseException:  # SystemExit too: a planner's class may fail to load here
-        lost = crash(traceback.format_exc())
-    answers = Answers([lost] * len(seeds), Relation.RESTRICTION)
-    return answer.packed(answers)
+        made = registry.load(source) if isinstance(source, str) else cloudpickle.loads(source)
+        load_required(made.requires)
+    except BaseException as error:  # SystemExit too: a planner's class may fail to load here
+        return _crash(error)
+    planner: Planner = made
+    return planner
+
+
+def _crash(error: BaseException) -> Solution:
+    if isinstance(error, MemoryError):
+        return crash(OUT_OF_MEMORY)
+    return crash("".join(traceback.format_exception(error)))
 
 
 def _write(data: bytes) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import socket
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, Entrant, Trial
+from trajopt.benchmark.run.profile import Profile
+from trajopt.benchmark.trial import OUT_OF_MEMORY, Entrant, Trial
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
@@ -32,12 +33,14 @@ class Allowance:
         memory: GiB for its process; None for no limit.
         jobs: How many trials run side by side in processes of this machine.
         isolation: Where it runs, in the report's words.
+        echo: Whether what its planner prints goes to standard error.
     """
 
     timeout: float = float("inf")
     memory: float | None = None
     jobs: int = 0
     isolation: str = IN_PROCESS
+    echo: bool = False
 
     @classmethod
     def of(
@@ -84,35 +87,38 @@ class Task:
     """Some seeds of one planner on one problem."""
 
     problem: Problem
-    configuration: Configuration
+    profile: Profile
     seeds: tuple[int, ...]
 
     @cached_property
     def ids(self) -> dict[int, str]:
         """Return the trials' identities by their seeds."""
-        entrant = self.configuration.entrant
+        entrant = self.profile.entrant
         return {seed: entrant.trial_id(self.problem, seed) for seed in self.seeds}
 
 
+Asking = Callable[[str], Profile]
+
+
 def plan(
-    problems: Sequence[Problem], configurations: Sequence[Configuration], seeds: int
+    problems: Sequence[Problem], profiles: Sequence[Profile], seeds: int, ask: Asking
 ) -> list[Task]:
     """Return a task per problem and planner with all its seeds; identical tasks once.
 
-    The references that a problem needs join the planners. `PlannerWarning` warns of a planner that
-    uses its seed, but does not say whether it is stochastic.
+    The references that a problem needs join the planners: `ask` describes them. `PlannerWarning`
+    warns of a planner that uses its seed, but does not say whether it is stochastic.
 
     Raises:
         InvalidInput: Two different planners have the same label.
     """
-    _check_labels([configuration.entrant for configuration in configurations])
-    for configuration in configurations:
-        if seeds > 1 and configuration.planner.may_be_stochastic:
-            label = configuration.entrant.label
+    _check_labels([profile.entrant for profile in profiles])
+    for profile in profiles:
+        if seeds > 1 and profile.may_be_stochastic:
+            label = profile.entrant.label
             message = f"{label} runs once: set `stochastic = True` if the seed matters, else False"
             warnings.warn(PlannerWarning(message), stacklevel=3)
-    given = {configuration.entrant.name for configuration in configurations}
-    joining: dict[str, Configuration] = {}
+    given = {profile.entrant.name for profile in profiles}
+    joining: dict[str, Profile] = {}
     tasks: dict[str, Task] = {}
     for problem in problems:
         also = []
@@ -120,11 +126,11 @@ def plan(
             if name in given or name not in entries():
                 continue
             if name not in joining:
-                joining[name] = Configuration.of(entries()[name].load(), name)
+                joining[name] = ask(name)
             also.append(joining[name])
-        for configuration in [*configurations, *also]:
-            runs = seeds if _varies(configuration, problem) else 1
-            task = Task(problem, configuration, tuple(range(runs)))
+        for profile in [*profiles, *also]:
+            runs = seeds if profile.varies(problem) else 1
+            task = Task(problem, profile, tuple(range(runs)))
             tasks.setdefault(task.ids[0], task)
     return list(tasks.values())
 
@@ -138,19 +144,10 @@ def _check_labels(entrants: Sequence[Entrant]) -> None:
             raise InvalidInput("planners", right, value=entrant.label)
 
 
-def _varies(configuration: Configuration, problem: Problem) -> bool:
-    """Tell if another seed may give another answer; a refusal is the same for all seeds."""
-    planner = configuration.planner
-    try:
-        return planner.stochastic and planner.unsupported(problem) is None
-    except Exception:  # its trials record the error
-        return True
-
-
 def missing(task: Task, done: set[str]) -> Iterator[Task]:
     """Yield tasks of the unfinished seeds, several in a task if the planner solves batches."""
     seeds = [seed for seed in task.seeds if task.ids[seed] not in done]
-    size = MAX_BATCH_SEEDS if task.configuration.planner.batched else 1
+    size = MAX_BATCH_SEEDS if task.profile.batched else 1
     for start in range(0, len(seeds), size):
         batch = seeds[start : start + size]
         yield replace(task, seeds=tuple(batch))
