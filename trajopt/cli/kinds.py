@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from trajopt.core import files
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.out_of_scope import out_of_scope
 from trajopt.formats.samples_csv import READABLE
@@ -89,7 +90,9 @@ def kind(path: Path) -> str:
     """Return what a file is, in words; empty if nothing tells."""
     if path.is_dir():
         return "a folder"
-    with path.open("rb") as file:
+    if not path.is_file():
+        return ""
+    with files.opened(path) as file:
         beginning = file.read(_LOOKED_AT).decode("latin-1").removeprefix("\xef\xbb\xbf")
     found = (name for sign, name in _SIGNS.items() if re.search(sign, beginning))
     return next(found, "")

@@ -1,6 +1,7 @@
 """Text files from anywhere, read as a whole within bounds, or refused in one line.
 
-Every reader takes its text from this module. A file of any format has at most `MAX_BYTES` bytes,
+Every reader takes its text from this module. Only regular files are read: a pipe or a device may
+have no end. A file of any format has at most `MAX_BYTES` bytes,
 `MAX_VALUES` values or lines, words of `MAX_WORD` characters (a number of 60,000 digits takes
 minutes to read), and tables nested `MAX_DEPTH` deep.
 """
@@ -8,12 +9,14 @@ minutes to read), and tables nested `MAX_DEPTH` deep.
 from __future__ import annotations
 
 import codecs
+import errno
 import json as standard_json
 import re
+import stat
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from trajopt.core.exceptions import InvalidInput, nearest, shortened
 from trajopt.core.out_of_scope import out_of_scope
@@ -66,9 +69,17 @@ def _decoded(found: bytes) -> str:
         raise ValueError(f"{reason} 'CSV UTF-8'") from None
 
 
+def opened(path: Path) -> BinaryIO:
+    """Open a regular file, or a link to one, to read its bytes; raises `OSError`."""
+    mode = path.stat().st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is a pipe, a socket or a device, not a file", str(path))
+    return path.open("rb")
+
+
 def content(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     """Read a file's bytes; raises `OSError`, and `ValueError` if it is too large."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         found = file.read(max_bytes + 1)
     if len(found) > max_bytes:
         raise ValueError(f"it has more than {max_bytes / 1e6:g} MB")

@@ -113,6 +113,8 @@ def table(text: str, *, commented: bool = False) -> Table:
     if separator is None and text.count(" ") > files.MAX_VALUES:
         raise InvalidInput("values", f"at most {files.MAX_VALUES}", value=text.count(" "))
     headings = _headings(first, separator)
+    if not headings:
+        raise InvalidInput(f"line {number}", "a heading or a number", value=first)
     if not any(map(_is_number, headings)):
         return Table(headings, number, separator, content[1:])
     columns = len(_cells(first, separator))

@@ -337,6 +337,18 @@ def test_what_is_damaged_is_listed_beside_what_was_read(tmp_path, trial):
     assert error.path == results.path(trial.id)
 
 
+def test_many_damaged_files_are_one_line(tmp_path, trial):
+    results = Store(tmp_path)
+    results.write(trial)
+    for number in range(30):
+        results.path(f"{number:020x}").write_bytes(b"junk")
+    words = rf"trials: 30 files are left out; the first, .*{0:020x}\.json: damaged"
+    for reading in (results.read, lambda: read(tmp_path), results.consolidate):
+        with pytest.warns(DamagedFile, match=words) as warned:
+            reading()
+        assert len(warned) == 1
+
+
 def test_a_trial_under_another_s_name_is_not_finished(tmp_path, trial):
     results = Store(tmp_path)
     other = replace(trial, seed=4)

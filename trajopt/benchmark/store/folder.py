@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +32,7 @@ Stamp = tuple[int, int]  # a file's inode and its time of last change, ns
 _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
+_MAX_NAMED = 10  # damaged files that are named one by one
 _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
 
 
@@ -55,8 +56,14 @@ class Unheld(UserWarning):
 OnDamage = Callable[[Damaged], None]
 
 
-def _warn(error: Damaged) -> None:
-    warnings.warn(str(error), DamagedFile, stacklevel=2)
+def _warn(damaged: Sequence[Damaged]) -> None:
+    """Warn of each damaged file, or of all in a line where there are many."""
+    said = [str(error) for error in damaged]
+    if len(said) > _MAX_NAMED:
+        folder = damaged[0].path.parent
+        said = [f"{folder}: {len(said)} files are left out; the first, {said[0]}"]
+    for words in said:
+        warnings.warn(words, DamagedFile, stacklevel=3)
 
 
 def _pass(error: Damaged) -> None:
@@ -149,7 +156,9 @@ class Store:
 
     def _content(self, known: Seen, references: References | None) -> bytes:
         """Return the bytes of `results.h5` for the trials in the folder."""
-        found = [known.read(path) for path in _trial_files(self.folder)]
+        damaged: list[Damaged] = []
+        found = [known.read(path, damaged.append) for path in _trial_files(self.folder)]
+        _warn(damaged)
         pairs = [pair for pair in found if pair is not None]
         trials = [found.trial for found in verdicts.judged(pairs)]
         texts = [text for _, text in pairs]
@@ -208,7 +217,11 @@ class Store:
 
     def read(self) -> list[Trial]:
         """Return the stored trials with computed verdicts; warns as `read` below does."""
-        return _judged(self.folder, _each(_trial_files(self.folder), _both, _warn))
+        damaged: list[Damaged] = []
+        files = _trial_files(self.folder)
+        found = _judged(self.folder, _each(files, _both, damaged.append))
+        _warn(damaged)
+        return found
 
 
 class Seen:
@@ -245,12 +258,12 @@ class Seen:
         self.trials[trial.id] = trial
         self._written[trial.id] = one
 
-    def read(self, path: Path) -> tuple[Trial, bytes] | None:
-        """Return the trial in a file, and its text; None, with a warning, if it is damaged."""
+    def read(self, path: Path, damaged: OnDamage) -> tuple[Trial, bytes] | None:
+        """Return the trial in a file, and its text; None if it is damaged."""
         known = self._written.get(_id(path))
         if known and known.path == path and known.stamp == _stamp(path):
             return self.trials[_id(path)], known.text
-        return next(_each([path], _both, _warn), None)
+        return next(_each([path], _both, damaged), None)
 
     def lost(self) -> dict[Path, bytes]:
         """Return the files that somebody else has removed or changed, and their texts."""
@@ -276,16 +289,24 @@ def read(path: Path | str) -> list[Trial]:
         StoreError: The file is missing, damaged, or from another version; a damaged file in a
             folder is left out with a warning (`DamagedFile`).
     """
-    return _judged(path, _stored(Path(path), _both, _warn))
+    damaged: list[Damaged] = []
+    found = _judged(path, _stored(Path(path), _both, damaged.append))
+    _warn(damaged)
+    return found
 
 
-def recorded(path: Path, damaged: OnDamage = _warn) -> Iterator[Trial]:
+def recorded(path: Path, damaged: OnDamage | None = None) -> Iterator[Trial]:
     """Yield the trials of a path with the verdicts that their texts state; raises as `read` does.
 
     A damaged file in a folder goes to `damaged`. A damaged text in a `results.h5` refuses that
     file: its seal is right, so somebody forged it.
     """
-    return _stored(path, trial_text.read, damaged)
+    if damaged is not None:
+        yield from _stored(path, trial_text.read, damaged)
+        return
+    found: list[Damaged] = []
+    yield from _stored(path, trial_text.read, found.append)
+    _warn(found)
 
 
 def _stored(path: Path, use: Callable[[bytes], T], damaged: OnDamage) -> Iterator[T]:
@@ -343,7 +364,7 @@ def misstated(path: Path, references: References) -> list[str]:
 def is_trial(path: Path) -> bool:
     """Return whether a file starts like a trial's text, under any name."""
     try:
-        with path.open("rb") as stream:
+        with files.opened(path) as stream:
             return stream.read(len(trial_text.START)) == trial_text.START
     except OSError:
         return False
@@ -403,15 +424,22 @@ def _reading(path: Path) -> Iterator[None]:
         raise
     except FileNotFoundError:
         raise StoreError(f"{path}: no such file; expected a results folder or results.h5") from None
-    except PermissionError as error:
-        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except OSError as error:
+        if error.strerror is None:  # HDF5's
+            raise _damaged(path, error) from error
+        raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
+    except MemoryError as error:
+        raise StoreError(f"{path}: there is not enough memory to read it") from error
     except Exception as error:
-        reason = str(error)[:_REASON_CHARACTERS]
-        advice = ""
-        if path.parent.name == "trials" and _TRIAL_NAME.fullmatch(path.name):
-            advice = "; running its comparison again replaces it"
-        words = f"damaged, or not a file of trajopt's trials ({reason}){advice}"
-        raise Damaged(path, words) from error
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> Damaged:
+    reason = str(error)[:_REASON_CHARACTERS]
+    advice = ""
+    if path.parent.name == "trials" and _TRIAL_NAME.fullmatch(path.name):
+        advice = "; running its comparison again replaces it"
+    return Damaged(path, f"damaged, or not a file of trajopt's trials ({reason}){advice}")
 
 
 def _load(path: Path) -> bytes:

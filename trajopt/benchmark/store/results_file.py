@@ -38,6 +38,7 @@ from trajopt.benchmark.store.document import Malformed
 from trajopt.benchmark.store.layout import Data, Group, References
 from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema, stated_id
 from trajopt.benchmark.trial import Trial, now
+from trajopt.core import files
 from trajopt.core.harmless import harmless
 
 _MARK = f"trajopt{SCHEMA}".encode()
@@ -154,7 +155,7 @@ def read(path: Path) -> Iterator[bytes]:
 def check_schema(path: Path) -> None:
     """Raise `WrongSchema` for a file that another version wrote; other files are not looked at."""
     if path.is_file():
-        with path.open("rb") as stream:
+        with files.opened(path) as stream:
             _own_seal(path, stream)
 
 
@@ -272,7 +273,7 @@ _SAME_RTOL = 1e-9  # another machine rounds otherwise
 
 def check_seal(path: Path) -> None:
     """Compute the seal anew: HDF5 never sees a file that was damaged."""
-    with path.open("rb") as stream:
+    with files.opened(path) as stream:
         stated = _own_seal(path, stream)
         left = stream.seek(0, os.SEEK_END) - _SEAL_BYTES
         stream.seek(0)
