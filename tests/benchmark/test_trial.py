@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from trials import PROBLEM, Stopping, solved
 
-from trajopt import Problem
-from trajopt.benchmark.trial import judge
+from trajopt import Problem, Relation, Solution, Status
+from trajopt.benchmark.trial import Answers, Configuration, judge, judged
 
 
 def test_a_certified_history_is_the_claimed_one_dilated_as_the_answer_was():
@@ -80,3 +80,22 @@ def test_importing_what_a_planner_requires_is_no_part_of_solving(tmp_path, monke
     assert first.setup_time >= 0.5
     assert first.solve_time < 0.5
     assert second.setup_time < 0.5
+
+
+@pytest.mark.parametrize(
+    ("stated", "setup", "solve"),
+    [
+        (0.0, 0.75, 2.0),  # 3 s to load and 8 s to answer, for 4 runs
+        (2.0, 1.25, 1.5),
+        (8.0, 2.75, 0.0),
+        (8.1, 0.75, 2.0),  # more than passed is no setup
+        (1e6, 0.75, 2.0),
+    ],
+)
+def test_times_are_those_that_passed_whatever_a_planner_states(stated, setup, solve):
+    entrant = Configuration.of(Stopping(), "stopping").entrant
+    solutions = [Solution(Status.FAILED, message="no", setup_time=stated)] * 4
+    answers = Answers(solutions, Relation.RESTRICTION, loading_time=3.0, wall_time=8.0)
+    trials = judged(entrant, PROBLEM, range(4), answers, "2026-01-01T00:00:00+00:00")
+    assert [(trial.setup_time, trial.solve_time) for trial in trials] == [(setup, solve)] * 4
+    assert [trial.batch for trial in trials] == [4] * 4

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from test_results import OTHER, run
+from test_results import OTHER, leaving, run
 from trials import as_runs
 
-from trajopt import Problem
+from trajopt import Limits, Problem
 from trajopt.benchmark.trial import Configuration, Trial, unanswered
 from trajopt.core.solution import Status
 from trajopt.planners.swarm_planner import Unoptimised
@@ -81,3 +81,14 @@ def test_a_missing_answer_is_worse_than_any(items: Sequence[Trial]) -> None:
     assert table.loc["mine", "worst"] == pytest.approx(0.5)
     assert np.isnan(table.loc["bound", "gap"])
     assert table.index[0] == "exact"
+
+
+def test_the_farthest_and_the_slowest_answers_are_said() -> None:
+    """A rad and half a rad beyond a limit of 0.5 rad, and gaps of 50, 20 and 10 %."""
+    limits = Limits([10.0], [100.0], position=[[-1.0, 0.5]])
+    out = Problem([[0.0], [0.4], [0.5]], limits, "within")
+    beyond = as_runs([*leaving(out, 1.0), *leaving(out, 1.5), *leaving(out, 0.4)])
+    table = Results([*run("exact", 2.0), *run("slow", 3.0, 2.4, 2.2), *beyond]).planners()
+    assert table.loc["mine", "position_excess"] == pytest.approx(1.0)
+    assert table.loc["slow", "worst"] == pytest.approx(0.5)
+    assert table.loc["slow", "gap"] == pytest.approx(0.2)
