@@ -14,7 +14,6 @@ import numpy as np
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Record
-from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.core.exceptions import TrajoptError
@@ -113,5 +112,7 @@ def plan(problem: Problem | str | Path, planner: object = None, *, seed: int = 0
     asked = catalogue.given(problem)
     if planner is None:
         return best(asked, seed).trial
+    from trajopt.benchmark.run.runner import Supervised  # late: needs cloudpickle
+
     with closing(Supervised(planner, asked)) as chosen:
         return chosen.trials(asked, [seed])[0]
