@@ -247,3 +247,160 @@ def test_a_motion_that_breaks_the_arms_own_limits_is_not_written(run):
     slow = {**files, "w__csv": "two\n-2.9\n-2.8\n"}
     code, out, _ = run(f"{line} --force", **slow)
     assert (code, "keeps every limit" in " ".join(out.split())) == (0, True)
+
+
+# --- FT4-09 to FT4-15, FT4-23, FT4-24: tables as people have them, and suggestions ---
+
+
+def verdict(run, command, text):
+    """The exit code, the worst uses, and the errors of a motion."""
+    code, out, err = run(f"{command} --json", log__csv=text)
+    uses = {}
+    if out:
+        certificate = json.loads(out)["certificate"]
+        uses = {kind: certificate[kind]["ratio"] for kind in ("velocity", "acceleration")}
+    return code, uses, err
+
+
+def steps(header, size=1.0, times=(0, 0.5, 1), more=("", "", "")):
+    """q1 from 0 to 1 rad, q2 half of it backwards, on straight lines: 1 and 0.5 rad/s."""
+    rows = [header]
+    for time, share, end in zip(times, (0, 0.5, 1), more, strict=True):
+        rows.append(f"{time},{share * size!r},{-share / 2 * size!r}{end}")
+    return "\n".join(rows) + "\n"
+
+
+DEG = 180 / np.pi
+OWN = "{max_velocity: 2, max_acceleration: 4}"
+TWO = f"joint_limits: {{q1: {OWN}, q2: {OWN}}}"
+# What provokes a suggestion or a refusal, and the true velocity of q1 as a share of 2 rad/s.
+PROVOKING = {
+    "FT4-10, units behind names": (steps("time_s,q1_deg,q2_deg", DEG), 0.5),
+    "FT4-11, no times": ("q1,q2\n0,0\n0.1,-0.05\n0.2,-0.1\n", None),
+    "FT4-12, a name twice": (steps("time [s],q1 [rad],q1 [rad]"), None),
+    "FT4-13, an index": (
+        "Pt,Time [ms],q1 [rad],q2 [rad]\n0,0,0,0\n1,500,0.5,-0.25\n2,1000,1,-0.5\n",
+        0.5,
+    ),
+    "no unit of angles": (steps("time [s],q1,q2"), 0.5),
+    "no unit of angles, with a gripper": (
+        steps("time [s],q1,q2,finger_joint1", more=(",0.01", ",0.02", ",0.03")),
+        0.5,
+    ),
+    "milliseconds said, no unit of angles": (steps("time [ms],q1,q2", times=(0, 500, 1000)), 0.5),
+    "milliseconds in the name": (steps("time_ms,q1,q2", times=(0, 500, 1000)), 0.5),
+    "no header": ("0,0,0\n0.5,0.5,-0.25\n1,1,-0.5\n", None),
+    "another clock": (steps("clock,q1,q2"), 0.5),
+    "FT4-14, UTF-16 with tabs": (
+        steps("time [s],q1 [rad],q2 [rad]").replace(",", "\t").encode("utf-16"),
+        0.5,
+    ),
+    "FT4-15, a preamble": (
+        "Robot: two-joint\nRate: 10 Hz\n\n" + steps("time [s],q1 [rad],q2 [rad]"),
+        None,
+    ),
+    "FT4-23, LeRobot": (
+        "timestamp,frame_index,action.q1.pos,action.q2.pos,observation.state.q1.pos,"
+        "observation.state.q2.pos\n0,0,0,0,9,9\n0.5,1,0.5,-0.25,8,8\n1,2,1,-0.5,9,9\n",
+        0.5,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", PROVOKING)
+def test_whoever_follows_a_suggestion_gets_the_truth_or_a_refusal(run, case):
+    text, truth = PROVOKING[case]
+    Path("l.yaml").write_text(TWO)
+    command = "verify log.csv --limits l.yaml"
+    code, uses, err = verdict(run, command, text)
+    if "rename the columns of log.csv: " in err:
+        header = err.partition("rename the columns of log.csv: ")[2]
+        lines = text.splitlines()
+        number = [line[:1] in "0123456789-" for line in lines].index(True)
+        text = "\n".join([header, *lines[number:]])
+        code, uses, err = verdict(run, command, text)
+    if truth is None:
+        assert code == 2 or uses["velocity"] == pytest.approx(0.5)
+    elif code == 2:
+        assert "expected" in err
+    else:
+        assert uses["velocity"] == pytest.approx(truth)
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ("FT4-11, no times", "a CSV of waypoints; expected a motion: a CSV with a column of times"),
+        ("FT4-12, a name twice", "'q1': expected a column that is not there twice"),
+        ("FT4-15, a preamble", "expected a header; text above it may begin with #"),
+        ("no unit of angles, with a gripper", "q1 [rad],q2 [rad],finger_joint1 [-]"),
+        ("milliseconds said, no unit of angles", "time [ms],q1 [rad],q2 [rad]"),
+    ],
+)
+def test_what_a_refusal_says(run, case, words):
+    Path("l.yaml").write_text(TWO)
+    code, _, err = verdict(run, "verify log.csv --limits l.yaml", PROVOKING[case][0])
+    assert code == 2
+    assert words in err
+
+
+@pytest.mark.parametrize("case", ["FT4-10", "FT4-13", "FT4-14", "FT4-23"])
+def test_what_is_read_as_it_stands(run, case):
+    Path("l.yaml").write_text(TWO)
+    own = next(text for name, (text, _) in PROVOKING.items() if name.startswith(case))
+    unit = " --unit rad" if case == "FT4-23" else ""
+    code, uses, err = verdict(run, f"verify log.csv --limits l.yaml{unit}", own)
+    assert code == 1  # straight lines jump
+    assert uses["velocity"] == pytest.approx(0.5)
+    assert ("what was commanded is read" in err) == (case == "FT4-23")
+
+
+PLAN_JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
+PLAN_JOINTS += ["panda_finger_joint1", "panda_finger_joint2"]
+PLAN = f"""time_from_start,{",".join(PLAN_JOINTS)}
+0,1.01652,0.782749,1.87932,-1.96894,-0.738131,1.64453,-2.41761,0.00210446,5.3741e-05
+0.193732,1.05995,0.85268,1.9164,-1.94795,-0.80967,1.57987,-2.41329,0.00210446,5.3741e-05
+0.303629,1.10338,0.92261,1.95349,-1.92696,-0.88121,1.51521,-2.40897,0.00210446,5.3741e-05
+0.389133,1.14681,0.992541,1.99058,-1.90597,-0.95275,1.45054,-2.40464,0.00210446,5.3741e-05
+0.462744,1.19024,1.06247,2.02767,-1.88498,-1.02429,1.38588,-2.40032,0.00210446,5.3741e-05
+"""
+
+
+def test_a_gripper_beside_the_arm_is_left_out(run):
+    """FT4-09."""
+    line = "verify m.csv --robot franka-panda --unit rad --interpolation spline --json"
+    code, out, err = run(line, m__csv=PLAN)
+    assert code in (0, 1)
+    assert (
+        "left out, as the robot has no such joint: panda_finger_joint1, panda_finger_joint2" in err
+    )
+    from scipy.interpolate import CubicSpline
+
+    rows = np.array([list(map(float, row.split(","))) for row in PLAN.splitlines()[1:]])
+    spline = CubicSpline(rows[:, 0], rows[:, 1:8], bc_type="clamped")
+    bends = np.abs(spline(rows[:, 0], 2)) / [15, 7.5, 10, 12.5, 15, 20, 20]
+    assert json.loads(out)["certificate"]["acceleration"]["ratio"] == pytest.approx(bends.max())
+    _, _, err = run("verify m.csv --robot franka-panda", m__csv=PLAN)
+    assert "panda_joint7 [rad],panda_finger_joint1 [-],panda_finger_joint2 [-]" in err
+    _, _, err = run(line, m__csv=PLAN.replace("panda_joint7", "panda_joint77"))
+    assert "panda_joint7" in err
+    assert "expected joints of franka-panda" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "left_out"),
+    [
+        ("name,j1,j2\nhome,0,0\npick,40,-20\n", "name"),
+        ("j1,j2,grip\n0,0,True\n40,-20,False\n", "grip"),
+        ("Pt,j1,j2\n1,0,0\n2,40,-20\n", "column 1"),
+    ],
+)
+def test_columns_of_waypoints_that_are_no_joints_are_left_out(run, text, left_out):
+    """FT4-24."""
+    own = "{max_velocity: 2, max_acceleration: 4}"
+    limits = f"joint_limits: {{j1: {own}, j2: {own}}}"
+    code, out, err = run(
+        "plan w.csv --limits l.yaml --unit deg --json", w__csv=text, l__yaml=limits
+    )
+    assert (code, err) == (0, f"trajopt: w.csv: left out: {left_out}")
+    assert json.loads(out)["certified_duration"] == pytest.approx(2 * np.sqrt(np.radians(40) / 4))

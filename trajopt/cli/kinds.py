@@ -13,6 +13,7 @@ from pathlib import Path
 from trajopt.core import files
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.out_of_scope import out_of_scope
+from trajopt.formats.csv_file import ABOVE
 from trajopt.formats.samples_csv import READABLE
 
 _LOOKED_AT = 1 << 16  # bytes from the beginning
@@ -25,11 +26,16 @@ _SIGNS = {
     r"(?i)\A\s*<(!doctype )?html\b": "an HTML page",
     r"\A(\x89PNG|\xff\xd8\xff|GIF8|%PDF)|<svg\b": "a picture",
     r"\A\x93NUMPY": "a NumPy array",
+    r"\APK": "a spreadsheet",
     r"\0": "a binary file",
+    r"(?m)^\s*(PTP|LIN|DEF) |MoveAbsJ|^\s*MODULE \w|\bmove[jl]\(": "a robot program",
     r"<robot\b": "a URDF",
     r"\A\s*<": "an XML file",
     r"""(?m)^[ "'{]*(joint_limits|default_(velocity|acceleration)_scaling_factor)["']?\s*:""": (
         "a joint_limits.yaml"
+    ),
+    r"(?m)^ *limit\s*:\s*$\n +(lower|upper|velocity|effort)\s*:": (
+        "a table of a robot description package"
     ),
     r"(?m)^ *cartesian_limits\s*:": "a pilz_cartesian_limits.yaml",
     r"""(?m)^[ "'{-]*(joint_names|points|trajectory)["']?\s*:""": "a ROS message",
@@ -50,11 +56,19 @@ _PROBLEM = (
     "expected a problem file (.toml), a built-in name, or waypoints: give limits with --urdf, "
     "--limits or --robot"
 )
+_ROWS = "expected waypoints, a row of joint positions each (.csv, .txt, .npy, .json)"
+_TEXTS = (".csv", ".txt")  # endings of tables, whose text may look like another language's
+_LANGUAGES = (
+    "a YAML file of another kind",
+    "a TOML file of another kind",
+    "a ROS message",
+    "a problem file",
+)
 _WANTED = {
     "problem": (("a problem file",), _PROBLEM),
     "waypoints": (
         ("a CSV of waypoints", "a JSON file of waypoints", "a NumPy array", "a problem file"),
-        _PROBLEM,
+        _ROWS,
     ),
     "stated problem": (
         ("a problem file",),
@@ -83,6 +97,22 @@ _PLACES = {
         "`trajopt verify MOTION --limits FILE` judges a motion by its limits alone"
     ),
     "a pilz_cartesian_limits.yaml": out_of_scope("cartesian_limits"),
+    "a spreadsheet": "save the sheet as CSV",
+    "a robot program": (
+        "robot programs are not read: write the joint positions of its moves as a CSV, a row each"
+    ),
+    "a table of a robot description package": (
+        "its limits are in the URDF made of it, which goes behind --urdf"
+    ),
+}
+# The same, where it depends on what is wanted.
+_PLACES_WANTED = {
+    ("waypoints", "a CSV of a motion"): (
+        "remove the column of times to plan through its positions; `trajopt judge MOTION PROBLEM` "
+        "judges the motion"
+    ),
+    ("waypoints", "a JSON file of another kind"): "a list of rows of numbers is one",
+    ("motion", "a CSV of waypoints"): "`trajopt plan` plans through points without times",
 }
 
 
@@ -95,6 +125,8 @@ def kind(path: Path) -> str:
     with files.opened(path) as file:
         beginning = file.read(_LOOKED_AT).decode("latin-1").removeprefix("\xef\xbb\xbf")
     found = (name for sign, name in _SIGNS.items() if re.search(sign, beginning))
+    if path.suffix in _TEXTS:
+        found = (name for name in found if name not in _LANGUAGES)
     return next(found, "")
 
 
@@ -115,8 +147,9 @@ def reading(path: Path | str, wanted: str) -> Iterator[None]:
     except TrajoptError as error:
         right, sentence = _WANTED[wanted]
         found = kind(Path(path)) if Path(path).exists() else ""
-        if not found or found in right:
+        if not found or found in right or ABOVE in str(error):
             raise
         _, known, header = str(error).partition(READABLE)
-        words = [f"{path} is {found}", sentence, known + header, _PLACES.get(found, "")]
+        place = _PLACES_WANTED.get((wanted, found), _PLACES.get(found, ""))
+        words = [f"{path} is {found}", sentence, place, known + header]
         raise TrajoptError("; ".join(filter(None, words))) from None

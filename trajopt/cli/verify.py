@@ -147,6 +147,8 @@ def _executed(
         given.joint_names, own.joint_names, ordered=own.ordered and not given.of_message
     )
     names = names or own.names_of(given.trajectory.joints)
+    if set(own.joints) < set(names):  # and a gripper's, which are left out
+        names = own.joint_names
     if not set(names) <= set(own.joints):
         order = "" if own.ordered else " (it says no order)"
         right = f"joints of {own.source}{order}: {', '.join(own.joints)}; rename them"

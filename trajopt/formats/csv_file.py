@@ -17,10 +17,17 @@ from trajopt.core.exceptions import InvalidInput
 
 Line = tuple[int, str]  # its number in the file, and its text
 
+ABOVE = "text above it may begin with #"
+"""What an error says of a file that begins with other text than its table."""
+
 _MAX_COLUMNS = 2000
 _LOOKED_AT = 100  # lines, for columns of text
 _LONGEST_HEADING = 1000  # characters
-_INDEX = re.compile(r"|#|no|idx|index|unnamed: 0", re.IGNORECASE)
+_INDEX = re.compile(
+    r"|#|no|nr|id|idx|index|unnamed: 0|pts?|points?|rows?|samples?|frame(_index)?", re.IGNORECASE
+)
+# A unit behind a name without brackets: joint1_deg, joint1_vel_deg_s.
+_SUFFIX = re.compile(r"(.+)_(deg|rad|mm)(?:_?(?:per_)?(s|s2))?")
 # A word, perhaps with a unit in brackets behind it: "elbow [deg]".
 _WORD = re.compile(r"[^\s\[(]\S*(?:\s+[\[(][^\s\])]{0,20}[\])])?")
 
@@ -51,6 +58,12 @@ class Table:
             raise InvalidInput(f"line {self.line}", right, value=longest)
 
     @property
+    def preceded(self) -> bool:
+        """Return whether the first line looks like text above the header: one cell, no number."""
+        rows = [_cells(text, own) for own in ",;\t" for _, text in self.lines[:5] if own in text]
+        return self.separator is None and any(len(row) > len(self.headings) for row in rows)
+
+    @property
     def indexed(self) -> bool:
         """Return whether the first column is an index of rows, as pandas writes it."""
         first, *others = self.headings
@@ -68,10 +81,14 @@ class Table:
         Raises:
             InvalidInput: Another number of cells, or a cell that is not a finite number.
         """
-        for line, text in self.lines:
+        for index, (line, text) in enumerate(self.lines):
             own = _cells(text, self.separator)
             if len(own) != len(self.headings):
                 right = f"{len(self.headings)} cells, one per column of the first line"
+                if index == 0 and self.preceded:
+                    key = f"line {self.line}"
+                    right = f"a header; {ABOVE}"
+                    raise InvalidInput(key, right, value=" ".join(self.headings))
                 raise InvalidInput(f"line {line}", right, value=len(own))
             row = []
             for column in columns:
@@ -130,6 +147,10 @@ def _headings(line: str, separator: str | None) -> list[str]:
 
 def heading(cell: str) -> tuple[str, str | None]:
     """A column's name, and its unit in brackets; None where it has none."""
+    suffix = _SUFFIX.fullmatch(cell)
+    if suffix:
+        rate = {"s": "/s", "s2": "/s^2", None: ""}[suffix[3]]
+        return suffix[1], suffix[2] + rate
     start = max(cell.rfind("["), cell.rfind("("))
     unit = cell[start + 1 : -1].replace(" ", "").replace("°", "deg")
     if start < 0 or cell[-1] not in "])" or unit.isdecimal():  # q[0] is a name

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy as np
 
 from trajopt.core import files
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core.exceptions import FileNote, InvalidInput, InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
@@ -92,7 +93,8 @@ class Motion:
     def for_joints(self, joint_names: Sequence[str]) -> Motion:
         """Return the motion with its joints in this order, if both sides name them.
 
-        Names are compared as `trajopt.formats.samples.known_as` does.
+        Names are compared as `trajopt.formats.samples.known_as` does. Joints beyond these (a
+        gripper's, say) are left out, which a `FileNote` says.
 
         Raises:
             InvalidInput: It has other joints.
@@ -100,7 +102,13 @@ class Motion:
         if not self.joint_names or not joint_names or self.joint_names == tuple(joint_names):
             return self
         names = known_as(self.joint_names, joint_names, ordered=not self.of_message)
-        if sorted(names) != sorted(joint_names):
+        if len(set(names)) == len(names) and set(joint_names) < set(names):
+            others = ", ".join(name for name in names if name not in joint_names)
+            warnings.warn(
+                FileNote(f"{self.name}: left out, as the robot has no such joint: {others}"),
+                stacklevel=2,
+            )
+        elif sorted(names) != sorted(joint_names):
             right = f"the joints {', '.join(joint_names)}; rename them"
             raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
         order = [names.index(name) for name in joint_names]

@@ -92,9 +92,12 @@ def known_as(own: Sequence[str], known: Sequence[str], *, ordered: bool = True) 
     `q1`, ...) of other names are the robot's joints in their order, if it is known (`ordered`).
     """
     by_name = dict(zip(_without_namespace(known), known, strict=True))
-    found = [by_name.get(name) for name in _without_namespace(own)]
+    bare = _without_namespace(own)
+    found = [by_name.get(name) for name in bare]
     if all(found):
         return tuple(filter(None, found))
+    if known and set(known) <= set(found):  # and further joints
+        return tuple(joint or name for joint, name in zip(found, own, strict=True))
     numbered = [re.fullmatch(r"(.*?)([0-9]{1,3})\]?", name) for name in own]
     stems = {match[1] for match in numbered if match}
     numbers = [int(match[2]) for match in numbered if match]

@@ -74,6 +74,7 @@ _PATTERNS = {
     kind: re.compile(rf"[_./ ]?(?<![a-z])({words})(?![a-z])", re.IGNORECASE)
     for kind, words in _KINDS.items()
 }
+_ENDED = re.compile(r"(.*\w)[_./ ](?:positions?|pos)", re.IGNORECASE)
 _TIME_NAME = re.compile(
     r"[%_]*(?:t|(?:.*[_./ ])?(?:times?|timestamp|stamp|time_from_start))(?:_(s|ms|us|ns))?"
     r"|.*stamp[_./ ]secs?",
@@ -81,8 +82,10 @@ _TIME_NAME = re.compile(
 )
 _NANO = re.compile("n(?:ano)?(?=secs?$)")
 # Words for a commanded and for a measured signal; libfranka writes state.q_d[0] for the commanded.
-_COMMANDED = _marker("target|command(?:ed)?|cmd|desired|reference|setpoint", r"|(?<=q)_d(?=\[)")
-_MEASURED = _marker("actual|measured|feedback")
+_COMMANDED = _marker(
+    "target|command(?:ed)?|cmd|desired|reference|setpoint|action", r"|(?<=q)_d(?=\[)"
+)
+_MEASURED = _marker(r"actual|measured|feedback|observation\.state|observation")
 _EPOCH_S = (978_307_200, 4_102_444_800)  # the years 2001 to 2100
 _LONG_STEP = 1.0  # a log's steps, s, are shorter: without a unit these may be milliseconds
 _SHOWN = 6  # columns in a note
@@ -158,6 +161,9 @@ class _Column:
         """The name without the word for its kind: the same in all columns of a joint."""
         if self.kind not in _FIELDS:
             return self.name
+        ended = _ENDED.fullmatch(self.name)
+        if ended and self.kind == "positions":
+            return ended[1].strip("_./ ")  # the joint may be called q1
         return _PATTERNS[self.kind].sub("", self.name, count=1).strip("_./ ")
 
     @property
@@ -180,10 +186,9 @@ def _samples(
             raise contradicted(time.unit, wanted["time"])
     except InvalidInput as error:
         right = error.expected
-        first = (row[0] for _, _, row in table.rows([0]))
-        # A column has times, or the first one rises, as times do.
-        if any(own.kind == _TIME for own in columns) or (np.diff(list(first)) > 0).all():
-            right += f"; {READABLE} of {name}: {_header(columns, table, list(joint_units))}"
+        header = _header(columns, table, list(joint_units))
+        if header:
+            right += f"; {READABLE} of {name}: {header}"
         raise InvalidInput(error.key, right, value=error.value) from None
 
     clock = [time, *_nanoseconds(time, columns)]
@@ -332,7 +337,8 @@ def _chosen(columns: Sequence[_Column]) -> tuple[_Column, dict[str, list[_Column
     times = [own for own in columns if own.kind == _TIME]
     names = _joints(columns)
     if not times:
-        raise InvalidInput("header", f"{TIME}, then columns like elbow [rad]")
+        right = f"{TIME}, then columns like elbow [rad]; no column has times"
+        raise InvalidInput("header", right)
     if not names:
         raise InvalidInput("header", "columns of positions, like elbow [rad]")
     chosen = {}
@@ -406,27 +412,51 @@ def _units(
 
 
 def _header(columns: Sequence[_Column], table: Table, known: Sequence[str]) -> str:
-    """A header that is read, made of this one; `known` are the robot's joints."""
+    """A header that is read, made of this one; empty where no other names make it a motion.
+
+    `known` are the robot's joints. What the header says stays: units, and names that are joints.
+    """
     rates = dict(zip(_FIELDS, _RATES, strict=True))
-    clock = next((own.index for own in columns if own.kind == _TIME), 0)
+    times = [own for own in columns if own.kind == _TIME]
+    own_joints = [own for own in columns if own.kind == "positions"]
+    only_joints = any(table.headings) and len(own_joints) <= len(known)
+    if not times and (only_joints or not _rises(table)):
+        return ""  # nothing has times
+    clock = times[0] if times else columns[0]
     read = list(columns)
-    read[clock] = replace(columns[clock], kind=_TIME)
+    read[clock.index] = replace(clock, kind=_TIME)
+    positions = [own.joint for own in read if own.kind == "positions"]
+    if len(set(positions)) < len(positions):
+        return ""  # renaming is to invent a name
     names = _joints(read)
     joints = list(dict.fromkeys(names.values())) or [f"joint_{own.index}" for own in read[1:]]
     robots = dict(zip(joints, known_as(joints, known), strict=True))
+    whole = bool(known) and set(known) < set(
+        robots.values()
+    )  # further columns are no joints of the robot
     cells = []
     for own in read:
         name = names.get(own.name, names.get(own.key, own.name))
         if name and own.kind in ("", _ACTUAL):
             name += " [-]"  # an unknown unit: it is left out
         elif own.kind in rates and name in robots:
-            name = f"{robots[name]} [{own.unit or 'rad'}{rates[own.kind][0]}]"
+            unit = f"{own.unit or 'rad'}{rates[own.kind][0]}"
+            left_out = whole and robots[name] not in known
+            name = f"{robots[name]} [{'-' if left_out else unit}]"
         cells.append(name)
     if not names:
         cells[1:] = [f"{name} [rad]" for name in robots.values()]
-    if not _nanoseconds(columns[clock], columns):
-        cells[clock] = _heading_of_times([row[0] for _, _, row in table.rows([clock])])
+    if clock.unit:
+        cells[clock.index] = f"time [{clock.unit}]"
+    elif not _nanoseconds(clock, columns):
+        cells[clock.index] = _heading_of_times([row[0] for _, _, row in table.rows([clock.index])])
     return ",".join(cells)
+
+
+def _rises(table: Table) -> bool:
+    """Return whether the first column rises, as times do."""
+    first = [row[0] for _, _, row in table.rows([0])]
+    return bool((np.diff(first) > 0).all())
 
 
 def _heading_of_times(times: Sequence[float]) -> str:

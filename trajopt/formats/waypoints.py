@@ -165,21 +165,33 @@ def _units(
 
 def _read_csv(path: Path) -> Waypoints:
     table = csv_file.table(files.text(path, "waypoints", path.suffix))
-    columns = range(table.indexed, len(table.headings))
+    texts = table.texts() if any(table.headings) else set()
+    columns = [
+        column for column in range(table.indexed, len(table.headings)) if column not in texts
+    ]
+    columns = columns or list(range(len(table.headings)))
     names = []
     units = []
     for column in columns:
         cell = table.headings[column]
         name, unit = csv_file.heading(cell)
         if name.lower() in _TIMES:
-            right = "waypoints, without times; `trajopt judge` takes motions"
+            right = (
+                "waypoints, without times (remove the column to plan through them); "
+                "`trajopt judge` takes motions"
+            )
             raise InvalidInput(f"column {column + 1}", right, value=cell)
         if not name and any(table.headings):
             raise InvalidInput(f"column {column + 1}", "the name of a joint", value=cell)
         names.append(name)
         units.append(unit)
-    if table.indexed:
-        warnings.warn(FileNote(f"{path.name}: left out: column 1"), stacklevel=2)
+    left_out = [
+        table.headings[column] if column in texts else f"column {column + 1}"
+        for column in range(len(table.headings))
+        if column not in columns
+    ]
+    if left_out:
+        warnings.warn(FileNote(f"{path.name}: left out: {', '.join(left_out)}"), stacklevel=2)
     rows = [row for _, _, row in table.rows(columns)]
     return Waypoints(waypoint_table(rows), tuple(filter(None, names)), tuple(units))
 
