@@ -10,6 +10,7 @@ from scipy.optimize import differential_evolution
 
 import trajopt
 from trajopt import InvalidInput, Limits, Problem, UnknownName, verify
+from trajopt.planners.compiled import compiled
 from trajopt.planners.objective import Objective
 from trajopt.planners.swarm_planner import SegmentTimes, SwarmPlanner
 from trajopt.planners.timing import FamilyTiming
@@ -162,3 +163,17 @@ def test_an_optimiser_of_another_library_finds_the_proved_optimum():
     assert trajopt.judge("six-axis", f.trajectory(found.x)).certified_duration == pytest.approx(
         found.fun, rel=1e-9
     )
+
+
+def test_a_function_that_cannot_be_recorded_is_refused():
+    """Numbers written into an array of floats are lost; nothing else would tell."""
+
+    def lossy(times):
+        table = np.zeros(times.shape)
+        table[:] = times**2
+        return table.sum(axis=1)
+
+    sample = np.array([1.0, 2.0])
+    assert compiled(lambda times: (times**2).sum(axis=1), sample)(sample) == 5.0
+    with pytest.raises(RuntimeError, match="lossy"):
+        compiled(lossy, sample)

@@ -1,14 +1,14 @@
 """A NumPy function of one candidate, compiled by CasADi: the same formula without NumPy's calls.
 
-NumPy takes about half a microsecond a call, however small the arrays, and a fitness makes hundreds
+NumPy takes about half a microsecond a call, however small its arrays, and a fitness makes hundreds
 of calls. So the function runs once on an array of CasADi's symbols, which records what it does with
 them. CasADi's virtual machine then repeats that record for numbers.
 
-    fitness = compiled(group.penalty, variables=3)
-    fitness(np.array([1.2, 1.9, 1.1]))
+    fitness = compiled(group.penalty, sample=np.array([1.2, 1.9, 1.1]))
+    fitness(np.array([1.3, 1.8, 1.2]))
 
-The record has no branches: the function may use only what `_UFUNCS` and `Recorded` list, and
-`np.flatnonzero` selects everything.
+The record has no branches: the function may use only what `_ufuncs` and `Recorded` list, and
+`np.flatnonzero` and `np.nonzero` select everything. What is selected in vain must do no harm.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ import numpy as np
 
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
+
+_RTOL = 1e-9  # between the record and the function
 
 
 @cache
@@ -107,14 +109,20 @@ def _recorded(value: Any) -> Recorded:
     return value.view(Recorded)
 
 
-def compiled(function: Callable[[Array], Array], variables: int) -> Callable[[Array], float]:
+def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[Array], float]:
     """Return a function of one candidate `(variables,)` that gives what `function` gives.
+
+    It has one place for its argument: one thread at a time may call it.
 
     Args:
         function: Takes candidates `(n, variables)` and returns `(n,)`.
-        variables: Of a candidate.
+        sample: Any candidate, on which both must agree.
+
+    Raises:
+        RuntimeError: They do not: the function does something that is not recorded.
     """
     ca = backend("casadi")
+    variables = len(sample)
     symbols = ca.SX.sym("x", variables)
     row = np.empty((1, variables), dtype=object)
     for i in range(variables):
@@ -133,4 +141,7 @@ def compiled(function: Callable[[Array], Array], variables: int) -> Callable[[Ar
         return result.item()
 
     call.program = (program, buffer)  # type: ignore[attr-defined]  # they own the memory
+    (expected,) = function(sample[None])
+    if not np.isclose(call(sample), expected, rtol=_RTOL, atol=_RTOL):
+        raise RuntimeError(f"compiled, {function} is {call(sample)} at {sample}, not {expected}")
     return call

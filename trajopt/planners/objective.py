@@ -40,7 +40,7 @@ class Objective:
 
     Called with one candidate `(variables,)` it returns a number, with many `(n, variables)` an
     array `(n,)`, s. A candidate outside the box counts as the nearest one inside, and one that is
-    not finite as infinite.
+    not finite as infinite. One thread at a time may call it; a copy goes to other processes.
 
     Attributes:
         problem: Whose motion is timed.

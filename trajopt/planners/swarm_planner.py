@@ -197,12 +197,13 @@ class Group(Timing):
         Exact positions cost twenty times as much as the rest, so they are asked for only where the
         Bernstein coefficients do not show that the position limits are kept.
         """
-        without = compiled(getattr(replace(self, room=None), fitness), self.variables)
+        sample = self.high * np.array([0.2, 0.3, 0.4])
+        without = compiled(getattr(replace(self, room=None), fitness), sample)
         if self.room is None:
             return lambda times: np.array([without(candidate) for candidate in times])
         bound = partial(spline353.position_bound, self.displacements, room=self.room)
-        may_leave = compiled(lambda times: bound(times[:, None]), self.variables)
-        whole = compiled(getattr(self, fitness), self.variables)
+        may_leave = compiled(lambda times: bound(times[:, None]), sample)
+        whole = compiled(getattr(self, fitness), sample)
 
         def value(candidate: Array) -> float:
             return whole(candidate) if may_leave(candidate) > 0 else without(candidate)
