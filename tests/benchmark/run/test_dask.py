@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from distributed import Client, LocalCluster
@@ -15,8 +17,10 @@ from distributed import Client, LocalCluster
 from trajopt import InvalidInput, Status
 from trajopt import comparison as run
 from trajopt.benchmark.run import dask as cluster
+from trajopt.benchmark.run import runner
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
+from trajopt.core.exceptions import WorkerError
 from trajopt.planners.registry import load
 from trajopt.planners.swarm_planner import Unoptimised
 
@@ -91,3 +95,64 @@ def test_a_scheduler_file_that_is_none_is_one_line(tmp_path: Path, text: str) ->
     file.write_text(text)
     with pytest.raises(InvalidInput, match="--dask"), cluster.executor(str(file)):
         pass
+
+
+def test_a_worker_that_judges_by_other_code_is_refused_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Threads are this process: as a worker of another version they have another digest."""
+    own = runner.provenance()
+    request = runner._request
+    other = {**own, "judge_digest": "0"}
+
+    def elsewhere(*given: Any) -> Any:
+        return replace(request(*given), digest=own["judge_digest"])
+
+    monkeypatch.setattr(runner, "_request", elsewhere)
+    monkeypatch.setattr(runner, "provenance", lambda: other)
+    with ThreadPoolExecutor(1) as executor, pytest.raises(WorkerError) as refused:
+        statuses(tmp_path, executor)
+    assert "has another version of trajopt than this run" in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+    assert not (tmp_path / "trials").exists()
+
+
+class Losing(ThreadPoolExecutor):
+    """Cancels what it is given, or keeps it for ever."""
+
+    def __init__(self, *, cancels: bool, client: Any = None) -> None:
+        super().__init__(1)
+        self._cancels = cancels
+        self._client = client
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if self._cancels:
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        return future
+
+
+def raising() -> None:
+    raise OSError("timed out")
+
+
+NO_WORKERS = SimpleNamespace(scheduler_info=lambda: {"workers": {}})
+NO_SCHEDULER = SimpleNamespace(scheduler_info=raising)
+
+
+@pytest.mark.parametrize(
+    ("executor", "words"),
+    [
+        (Losing(cancels=True), "the executor was lost; what has finished is kept"),
+        (Losing(cancels=False, client=NO_WORKERS), r"Dask has had no worker for 0\.01 s"),
+        (Losing(cancels=False, client=NO_SCHEDULER), "Dask's scheduler is lost: OSError"),
+    ],
+)
+def test_a_cluster_that_is_lost_is_a_line_and_no_wait(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, executor: Losing, words: str
+) -> None:
+    monkeypatch.setattr(cluster, "NO_WORKER_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(runner, "_LOOK_INTERVAL_S", 0.02)
+    with pytest.raises(WorkerError, match=words):
+        statuses(tmp_path, executor)

@@ -9,7 +9,8 @@ import platform
 import socket
 from collections import deque
 from collections.abc import Generator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor
+from concurrent.futures import wait as wait_for
 from contextlib import closing, suppress
 from dataclasses import replace
 from multiprocessing.connection import wait
@@ -20,7 +21,7 @@ from typing import Any, NamedTuple
 import cloudpickle
 
 from trajopt.benchmark.provenance import provenance
-from trajopt.benchmark.run import answer, server
+from trajopt.benchmark.run import answer, dask, server
 from trajopt.benchmark.run.judge import Ending, Failure, Inquiry, Request, judge_here, record
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.solver import Describe, Surroundings
@@ -36,6 +37,7 @@ from trajopt.planners.registry import find
 
 IMPORT_TIMEOUT_S = 60.0  # for a stranger's planner to be imported and described
 _END_TIMEOUT_S = 30.0  # for a judge to end
+_LOOK_INTERVAL_S = 5.0  # between two looks whether an executor has workers
 _MAX_IDLE = 1  # judges that an executor's worker keeps
 
 
@@ -124,15 +126,27 @@ class Judges:
 def on_executor(
     tasks: Sequence[Task], store: Store, allowed: Allowance, executor: Executor
 ) -> Generator[Finished]:
-    """Run the tasks on an executor's workers, each of which has judges of its own."""
-    futures = {}
+    """Run the tasks on an executor's workers, each of which has judges of its own.
+
+    Raises:
+        WorkerError: The executor has lost its workers, or one of them judges by other code.
+    """
+    tasks_of = {}
     for task, request in _requests(tasks, store, allowed):
-        futures[executor.submit(supervised, request)] = task
+        tasks_of[executor.submit(supervised, request)] = task
+    look = dask.watch(executor)
+    left = set(tasks_of)
     try:
-        for future in as_completed(futures):
-            yield Finished(futures[future], future.result())
+        while left:
+            done, left = wait_for(left, _LOOK_INTERVAL_S, FIRST_COMPLETED)
+            for future in done:
+                yield Finished(tasks_of[future], future.result())
+            if not done:
+                look()
+    except (CancelledError, BrokenExecutor) as error:
+        raise WorkerError("the executor was lost; what has finished is kept") from error
     finally:
-        for future in futures:
+        for future in tasks_of:
             future.cancel()
 
 
