@@ -14,6 +14,7 @@ from trajopt.explain.references import THROUGH_WAYPOINTS
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
 AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
+ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
 FAR_PERCENT = 10.0  # percent of the duration; a bound farther below leaves room for much
 
 ADD_JERK_LIMITS = (
@@ -62,7 +63,9 @@ def _quality(found: Best, duration: float) -> str:
     """Describe the answer's distance from the optimum, and the proof of it."""
     proved_within = duration / found.proved - 1
     if proved_within < OPTIMUM_RTOL:
-        return "Its answer is the optimum, proved within 0.01 %."
+        percent = 100 * proved_within
+        within = f" within {percent:.2g} %" if percent > ROUNDING_PERCENT else ""
+        return f"Its answer is the optimum, proved{within}."
     less = 100 * (1 - found.proved / duration)
     known = _known(found.trial, less)
     if found.relaxed is not None:
