@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from trajopt.benchmark.best_planner import plan as plan
+    from trajopt.benchmark.front import front as front
     from trajopt.benchmark.judgement import judge as judge
     from trajopt.benchmark.objective import objective as objective
     from trajopt.benchmark.suites.catalogue import load as problem  # noqa: F401
@@ -54,6 +55,7 @@ _MODULE = {
     "UnknownName": "core.exceptions",
     "WrongType": "core.exceptions",
     "compare": "comparison",
+    "front": "benchmark.front",
     "judge": "benchmark.judgement",
     "objective": "benchmark.objective",
     "plan": "benchmark.best_planner",

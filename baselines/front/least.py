@@ -92,6 +92,12 @@ class Least:
     limits_act: bool
 
 
+def without_limits(problem: Problem, measure: Measure) -> float | None:
+    """Return the least integral of a motion of 1 s without limits."""
+    found = _Task(problem, measure, 1.0).free()
+    return None if found is None else found.value
+
+
 def least(
     problem: Problem, measure: Measure, duration: float, start: Trajectory | None = None
 ) -> Least | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,6 +13,7 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
+from trajopt.judging.smoothness import FrontPoint
 from trajopt.planners.planner import Planner, passing_once
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
@@ -49,6 +51,14 @@ class Smooth(Planner):
                 raise InvalidInput(name, "a positive number", value=value)
         if self.duration is not None and self.budget is not None:
             raise InvalidInput("budget", "a duration or a budget, not both", value=self.budget)
+
+    def front(
+        self, problem: Problem, durations: Sequence[float] | None, time_limit: float
+    ) -> list[FrontPoint]:
+        """Return the front of this measure, as `baselines.front.curve.front` does."""
+        from baselines.front.curve import front
+
+        return front(problem, self.measure, durations, time_limit)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -62,6 +62,10 @@ _COMMANDS = {
         "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
     ),
     "certify": ("certify:certify", "Prove a lower bound on the minimum time."),
+    "front": (
+        "front:front",
+        "Say how smooth a motion of each duration can be, and how smooth the planners are.",
+    ),
     "claims": ("claims:claims", "Judge the times that were published for a problem."),
     "best-known": (
         "best_known:app",

@@ -103,7 +103,7 @@ def compare(
     loaded = asked.problems(problems, robot)
     for name in dict.fromkeys(suite or []):
         loaded += catalogue.problems(name)
-    contestants: list[Contestant] = [*(planner or _default_planners(allowed))]
+    contestants: list[Contestant] = [*(planner or default_planners(allowed))]
     asked.check_motion_unit(motion_unit, motion or [], "--motion-unit")
     contestants += _motions(motion or [], interpolation, motion_unit)
     if certify:
@@ -181,7 +181,7 @@ def _motions(
         yield name, GivenMotion(given)
 
 
-def _default_planners(allowed: Allowance) -> list[str]:
+def default_planners(allowed: Allowance) -> list[str]:
     """Return the planners that take part unless others are named.
 
     Say on standard error which of them cannot be imported.

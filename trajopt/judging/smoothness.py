@@ -94,6 +94,23 @@ class Smoothness:
         return table
 
 
+@dataclass(frozen=True, eq=False)
+class FrontPoint:
+    """The smoothest motion of a duration.
+
+    Attributes:
+        duration: s.
+        value: Its integral, as `Smoothness` has it: of the best motion found.
+        lower: No motion of this duration has a smaller one, as is proved; None if nothing is.
+        trajectory: Keeps every limit.
+    """
+
+    duration: float
+    value: float
+    lower: float | None
+    trajectory: Trajectory
+
+
 def weights(problem: Problem) -> Array:
     """Return what each joint's squares are multiplied by, `(joints,)`.
 

@@ -40,6 +40,7 @@ from trajopt.views.figures.style import KNOWN, headline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from trajopt.benchmark.front import Beside, Front
     from trajopt.benchmark.judgement import Judgement
     from trajopt.explain.decomposition import Explanation
 
@@ -180,6 +181,17 @@ def judged(found: Judgement, folder: Path) -> Path:
         own_name="motion as executed",
     )
     return plots.write(figure, folder / f"{_portable(name)}.png")
+
+
+def front(found: Front, beside: Sequence[Beside], folder: Path) -> list[Path]:
+    """Draw a front and the motions beside it: `<problem>-front-<measure>`, as PNG, SVG and PDF."""
+    from trajopt.views.figures import front as fronts
+    from trajopt.views.figures import plots
+
+    figure = fronts.curve(found, beside)
+    stem = _portable(f"{found.problem.name}-front-{found.measure}")
+    files = plots.save(figure, folder / stem)
+    return [*files, plots.write(figure, folder / f"{stem}.pdf")]
 
 
 def _problems(trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], str]]:

@@ -1,0 +1,115 @@
+"""The bound over all segment times: closed forms, a problem that is not convex, random problems."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import trajopt
+from baselines.front.bound import problem_rows, prove
+from baselines.front.dual import free_bounds
+from baselines.front.least import least, without_limits
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
+
+FAR = Limits(velocity=[100.0], acceleration=[1000.0])
+
+
+def bounded(problem, order=3, within=2e-3, seconds=60.0):
+    measure = {3: "jerk", 2: "acceleration"}[order]
+    value = without_limits(problem, measure)
+    deadline = time.perf_counter() + seconds
+    return value, prove(problem, order, None, value, within=within, deadline=deadline)
+
+
+@pytest.mark.parametrize(("order", "constant"), [(3, 720.0), (2, 12.0)])
+def test_one_segment_is_the_closed_form(order, constant):
+    value, bound = bounded(Problem([[0.0], [2.0]], FAR), order)
+    assert value == pytest.approx(4 * constant, rel=1e-8)
+    assert 4 * constant * (1 - 1e-6) < bound.lower <= 4 * constant
+
+
+def test_two_segments_on_a_straight_way_lose_nothing_by_the_waypoint():
+    """The free motion from 0 to 1 passes 1/2 in its middle: the waypoint costs nothing."""
+    value, bound = bounded(Problem([[0.0], [0.5], [1.0]], FAR))
+    assert bound.closed
+    assert value == pytest.approx(720.0, rel=1e-6)
+    assert 720 * (1 - 2.1e-3) < bound.lower <= 720
+
+
+def test_a_front_that_is_not_convex_in_the_times():
+    """836.3 and 835.6 with 1025.9 between them (exact fractions): a bound is below the least."""
+    problem = Problem([[0.0], [0.011], [-0.046], [-0.156]], FAR)
+    value, bound = bounded(problem)
+    assert value <= 835.7
+    assert bound.closed
+    assert value * (1 - 2.1e-3) < bound.lower <= value * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("order", "low", "high"), [(3, 16476.9, 16477.68), (2, 138.698, 138.705)])
+def test_six_axis_has_the_trials_own_constant(order, low, high):
+    """Proved in the trial to 1e-4; found by three independent programs."""
+    value, bound = bounded(load("six-axis"), order)
+    assert low < value < high
+    assert bound.closed
+    assert bound.lower > low * (1 - 2.1e-3)
+
+
+def test_a_simplex_is_below_every_value_in_it():
+    """Each motion with segment times of the simplex has at least the bound: 200 of each."""
+    rng = np.random.default_rng(1)
+    problem = load("six-axis")
+    rows, _ = problem_rows(problem, np.arange(4), 3, None)
+    from baselines.front.dual import best_costates
+
+    equations = rows.only(np.arange(rows.equations))
+    for _ in range(20):
+        corners = rng.dirichlet(np.ones(3), size=3)
+        low = free_bounds(rows, corners[None])[0]
+        times = rng.dirichlet(np.ones(3), size=200) @ corners
+        assert low <= best_costates(equations, times)[1].min() * (1 + 1e-9)
+
+
+def test_with_active_limits_the_bound_is_above_the_one_without():
+    problem = load("six-axis")
+    found = least(problem, "jerk", 2.0)
+    bound = prove(
+        problem,
+        3,
+        2.0,
+        found.value,
+        within=5e-3,
+        deadline=time.perf_counter() + 60,
+        times=np.diff(found.trajectory.waypoint_times),
+    )
+    assert bound.closed
+    assert found.value * (1 - 5.1e-3) < bound.lower <= found.value
+    assert bound.lower > 16477.7 / 2.0**5
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_bound_is_above_a_motion(seed):
+    """Random problems of one to five segments, with limits that act or do not."""
+    rng = np.random.default_rng(seed)
+    segments, joints = int(rng.integers(1, 6)), int(rng.integers(1, 4))
+    walk = np.cumsum(rng.normal(size=(segments + 1, joints)), axis=0)
+    limits = Limits(rng.uniform(0.5, 2, joints), rng.uniform(1, 4, joints))
+    for point in trajopt.front(Problem(walk, limits), time_limit=0.5).points[::3]:
+        assert point.lower is not None
+        assert 0 < point.lower <= point.value * (1 + 1e-9)
+
+
+def test_python_and_its_errors():
+    front = trajopt.front("one-joint", measure="acceleration", durations=[5.0, 3.0])
+    assert [point.duration for point in front.points] == [3.0, 5.0]
+    assert front.points[1].trajectory.duration == pytest.approx(5.0)
+    assert front.as_dict()["points"][0].keys() == {"duration", "value", "lower"}
+    for wrong in ([], [-1.0], [np.inf]):
+        with pytest.raises(InvalidInput, match="durations"):
+            trajopt.front("one-joint", durations=wrong)
+    with pytest.raises(InvalidInput, match="the shortest known takes 2 s"):
+        trajopt.front("one-joint", durations=[1.5])

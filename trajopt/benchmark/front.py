@@ -1,0 +1,159 @@
+"""The front of duration and smoothness of a problem, and where motions stand beside it.
+
+front = trajopt.front("six-axis", durations=[1.8, 2.0, 3.0])
+for point in front.points:
+    print(point.duration, point.value, point.lower)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Protocol, cast
+
+import numpy as np
+
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import Trial
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import is_number
+from trajopt.core.problem import Problem
+from trajopt.judging.smoothness import FrontPoint, unit
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import configured, entries
+
+Measure = Literal["jerk", "acceleration"]
+
+
+class KnowsFront(Protocol):
+    """A planner that knows the smoothest motions of a problem."""
+
+    def front(
+        self, problem: Problem, durations: Sequence[float] | None, time_limit: float
+    ) -> list[FrontPoint]:
+        """Return a point for each duration."""
+        ...
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Where a motion stands beside the front.
+
+    Attributes:
+        label: Of the planner, or the motion's name.
+        duration: Certified, s.
+        value: Its integral, infinite where it jumps.
+        times_the_least: Its integral over the least one of its duration; infinite where it jumps,
+            None where no motion of its duration is found.
+        shortest: The shortest duration with its integral, s; None where it jumps.
+    """
+
+    label: str
+    duration: float
+    value: float
+    times_the_least: float | None
+    shortest: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: infinite values are None."""
+        return {
+            "label": self.label,
+            "duration": self.duration,
+            "value": self.value if np.isfinite(self.value) else None,
+            "times_the_least": self.times_the_least if np.isfinite(self.value) else None,
+            "shortest": self.shortest,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """The smoothest motions of several durations.
+
+    Attributes:
+        problem: All its limits are kept.
+        measure: `jerk` or `acceleration`, whose square is integrated.
+        points: By duration.
+    """
+
+    problem: Problem
+    measure: Measure
+    points: tuple[FrontPoint, ...]
+
+    @cached_property
+    def unit(self) -> str:
+        """The unit of the integrals."""
+        return unit(self.problem, 3 if self.measure == "jerk" else 2)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: SI units; `lower` is None where nothing is proved."""
+        names = ("duration", "value", "lower")
+        return {"points": [{name: getattr(p, name) for name in names} for p in self.points]}
+
+    def beside(self, trials: Iterable[Trial]) -> list[Beside]:
+        """Return where the trials with a certified motion stand, by duration."""
+        found = []
+        for trial in trials:
+            duration, smooth = trial.certified_duration, trial.smoothness
+            if duration is None or smooth is None:
+                continue
+            value = smooth.jerk_integral
+            if self.measure == "acceleration":
+                value = smooth.acceleration_integral
+            found.append(self._stand(trial.label, duration, value))
+        return sorted(found, key=lambda own: own.duration)
+
+    def _stand(self, label: str, duration: float, value: float) -> Beside:
+        if not np.isfinite(value):
+            return Beside(label, duration, value, np.inf, None)
+        least = self._smooth(duration=duration).solve(self.problem).stats.get("value")
+        shortest = self._smooth(budget=value).solve(self.problem).trajectory
+        return Beside(
+            label,
+            duration,
+            value,
+            None if least is None else value / least,
+            None if shortest is None else shortest.duration,
+        )
+
+    def _smooth(self, **options: float) -> Planner:
+        return _smooth(self.measure, **options)
+
+
+def front(
+    problem: Problem | str | Path,
+    *,
+    measure: Measure = "jerk",
+    durations: Sequence[float] | None = None,
+    time_limit: float = 60.0,
+) -> Front:
+    """Return the front of duration and smoothness (docs/mathematics.md, section 12).
+
+    Args:
+        problem: A problem, the name of a built-in one, or a problem file.
+        measure: `jerk` or `acceleration`, whose square is integrated.
+        durations: s; by default from 1.05 to 3 times the shortest known duration.
+        time_limit: Seconds for the proof of each point; with 0 nothing is proved.
+
+    Raises:
+        InvalidInput: A duration is no positive number, or too short for any motion known.
+    """
+    if measure not in ("jerk", "acceleration"):
+        raise InvalidInput("measure", "'jerk' or 'acceleration'", value=measure)
+    if not (is_number(time_limit) and 0 <= time_limit < np.inf):
+        raise InvalidInput("time_limit", "seconds, 0 or more", value=time_limit)
+    for duration in durations if durations is not None else ():
+        if not (is_number(duration) and 0 < duration < np.inf):
+            raise InvalidInput("durations", "positive numbers", value=duration)
+    if durations is not None and not len(durations):
+        raise InvalidInput("durations", "at least one, s")
+    given = catalogue.given(problem)
+    planner = cast(KnowsFront, _smooth(measure))
+    asked = None if durations is None else sorted(map(float, durations))
+    return Front(given, measure, tuple(planner.front(given, asked, time_limit)))
+
+
+def _smooth(measure: Measure, **options: float) -> Planner:
+    """The planner of the smoothest motions: it enters by its entry point, as every planner."""
+    return configured(entries()["smooth"].load(), {"measure": measure, **options}, "smooth")
