@@ -27,6 +27,10 @@ EXAMPLES = {
         "trajopt certify six-axis",
         "trajopt certify six-axis --family spline353",
     ),
+    "front": (
+        "trajopt front six-axis --durations 2,3 --json",
+        "trajopt front six-axis --durations 1.8,2,3 --planner spline353-nlp",
+    ),
     "claims": ("trajopt claims", "trajopt claims yu2022-aubo-ga"),
     "best-known": ("trajopt best-known list", "trajopt best-known verify six-axis"),
     "verify": ("trajopt verify out", "trajopt verify theirs.csv --limits my-robot.toml"),

@@ -13,11 +13,13 @@ from trajopt import comparison
 from trajopt.benchmark.front import Beside, Front, Measure
 from trajopt.benchmark.front import front as front_of
 from trajopt.benchmark.run.processes import cpus
+from trajopt.benchmark.run.tasks import Allowance
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.compare import default_planners
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number
+from trajopt.comparison import TIMEOUT
 from trajopt.core import numerals
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -70,7 +72,7 @@ def front(
     loaded = asked.problem(problem, robot, scaled=True)
     with console.waiting(f"the front of {loaded.name}"):
         found = front_of(loaded, measure=measure, durations=durations, time_limit=time_limit)
-    wanted = planner if planner is not None or json else default_planners()
+    wanted = planner if planner is not None or json else default_planners(Allowance(TIMEOUT))
     beside = _beside(found, loaded, wanted, output) if wanted else []
     if json:
         table = found.as_dict()
