@@ -404,3 +404,48 @@ def test_columns_of_waypoints_that_are_no_joints_are_left_out(run, text, left_ou
     )
     assert (code, err) == (0, f"trajopt: w.csv: left out: {left_out}")
     assert json.loads(out)["certified_duration"] == pytest.approx(2 * np.sqrt(np.radians(40) / 4))
+
+
+# --- FT4-22: MATLAB's polynomials and logs of /joint_states ---
+
+PP = """{"form": "pp", "breaks": [0, 5, 10], "coefs": [
+ [-0.016755160819145562, 0.12566370614359174, 0.0, 0.3490658503988659],
+ [0.0153588974175501, -0.11519173063162574, 0.0, 1.3962634015954636]],
+ "pieces": 2, "order": 4, "dim": 1}"""
+
+
+def test_matlab_s_polynomials(run):
+    """Cubics of 60 and -55 deg in 5 s, at rest at their ends: 1.5 h / T and 6 h / T²."""
+    limits = "joint_limits: {j: {max_velocity: 1, max_acceleration: 1}}"
+    code, out, _ = run("verify m.json --limits l.yaml --json", m__json=PP, l__yaml=limits)
+    found = json.loads(out)["certificate"]
+    h = 1.3962634015954636 - 0.3490658503988659
+    assert code == 0
+    assert found["velocity"]["ratio"] == pytest.approx(1.5 * h / 5)
+    assert found["acceleration"]["ratio"] == pytest.approx(6 * h / 25)
+    _, _, err = run("verify m.json --limits l.yaml", m__json=PP.replace("[0, 5, 10]", "[0, 5]"))
+    assert "m.json" in err
+
+
+def test_a_log_of_joint_states(run):
+    message = """header: {{stamp: {{sec: {sec}, nanosec: {nano}}}, frame_id: ''}}
+name: [shoulder_pan_joint, shoulder_lift_joint]
+position: [{q}, -1.57]
+velocity: [0.0, 0.0]
+effort: [0.0, 0.0]
+---
+"""
+    text = message.format(sec=1700000010, nano=950000000, q=0.0)
+    text += message.format(sec=1700000011, nano=50000000, q=0.1)
+    line = "verify m.yaml --robot ur5e --json"
+    names = "shoulder_pan_joint: {max_velocity: 3, max_acceleration: 80}, shoulder_lift_joint: "
+    limits = f"joint_limits: {{{names} {{max_velocity: 3, max_acceleration: 80}}}}"
+    code, out, _ = run("verify m.yaml --limits l.yaml --json", m__yaml=text, l__yaml=limits)
+    found = json.loads(out)
+    assert code == 0
+    assert found["duration"] == pytest.approx(0.1)
+    assert found["certificate"]["velocity"]["ratio"] == pytest.approx(1.5 / 3)
+    assert found["certificate"]["acceleration"]["ratio"] == pytest.approx(60 / 80)
+    wrong = text.replace("[0.1, -1.57]", "[0.1]")
+    code, _, err = run(line, m__yaml=wrong)
+    assert (code, "message 2: position is [0.1]: expected 2 numbers" in err) == (2, True)

@@ -139,14 +139,22 @@ def test_without_accelerations_velocities_alone_are_judged(
     assert "acceleration 0" not in out
 
 
-def test_accelerations_of_some_joints_alone_are_refused(tmp_path, monkeypatch, capsys):
+def test_a_joint_without_an_acceleration_limit_does_not_stop_the_others(
+    tmp_path, monkeypatch, capsys
+):
+    """FT4-21. Cubics of 1 rad in 1 s: 1.5 rad/s, 6 rad/s²."""
     monkeypatch.chdir(tmp_path)
-    text = "joint_limits: {a: {max_velocity: 2, max_acceleration: 9}, b: {max_velocity: 2}}"
-    (tmp_path / "l.yaml").write_text(text)
-    (tmp_path / "m.csv").write_text("time [s],a [rad],b [rad]\n0,0,0\n1,1,1\n")
+    text = "joint_limits: {a: {max_velocity: 2, max_acceleration: 4}, b: {max_velocity: 1, "
+    (tmp_path / "l.yaml").write_text(text + "has_acceleration_limits: false}}")
+    header = "time [s],a [rad],b [rad],a [rad/s],b [rad/s]"
+    (tmp_path / "m.csv").write_text(f"{header}\n0,0,0,0,0\n1,1,1,0,0\n")
     with pytest.raises(SystemExit) as ended:
-        cli.main(["verify", "m.csv", "--limits", "l.yaml"])
-    err = " ".join(capsys.readouterr().err.split())
-    assert ended.value.code == 2
-    assert "acceleration limit is missing: expected one for b; add" in err
-    assert "or --acceleration with a number" in err
+        cli.main(["verify", "m.csv", "--limits", "l.yaml", "--json"])
+    out, err = capsys.readouterr()
+    found = json.loads(out)["certificate"]
+    assert ended.value.code == 1
+    assert found["acceleration"]["ratio"] == pytest.approx(1.5)
+    assert found["acceleration"]["joint"] == 1
+    assert found["velocity"]["ratio"] == pytest.approx(1.5)
+    assert found["velocity"]["joint"] == 2
+    assert "no acceleration limits, so accelerations of b are not judged" in " ".join(err.split())

@@ -33,6 +33,7 @@ from trajopt.views.analysis.gap_reference import durations
 
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
+_NO_LIMIT = 1e6  # rad/s²: the same where other joints have a limit
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
@@ -157,12 +158,14 @@ def _executed(
     asked.note_acceleration(robot, completed=own.completed.intersection(names))
     described = own.described(names)
     del described["joint_names"]
-    judged = own.limits_acceleration(names)
-    whole = own if judged else own.with_acceleration(_JUMP_SCALE)
+    free = [name for name in names if not own.limits_acceleration([name])]
+    judged = len(free) < len(names)
+    whole = own.with_acceleration(_NO_LIMIT if judged else _JUMP_SCALE) if free else own
     limits = whole.limits(names)
-    if not judged:
+    if free:
+        which = "accelerations are" if not judged else f"accelerations of {', '.join(free)} are"
         console.HELD.append(
-            f"{own.source}: no acceleration limits, so accelerations are not judged; "
+            f"{own.source}: no acceleration limits, so {which} not judged; "
             "--acceleration 2.0, say, is one for every joint"
         )
     return as_executed(given.for_joints(names), limits, accelerations=judged, log=log, **described)

@@ -43,6 +43,16 @@ def half_digits(texts: Sequence[str], values: Array) -> tuple[Array, int]:
     return np.maximum(0.5 * 10.0**-counted, step / 2), most
 
 
+def of_numbers(positions: Array) -> tuple[Array, tuple[int, ...]]:
+    """Return `half_digits` and the decimals of each column of numbers whose text is not there.
+
+    The shortest text that gives a number back is taken, so trailing zeros do not count.
+    """
+    columns = [half_digits([repr(item) for item in own.tolist()], own) for own in positions.T]
+    half, decimals = zip(*columns, strict=True)
+    return np.stack(half, axis=1), decimals
+
+
 def time_half_digit(texts: Sequence[str], values: Array, elapsed: Sequence[int]) -> float:
     """Return half a unit of the last digit of times; 0 where all are on a coarser, even grid.
 

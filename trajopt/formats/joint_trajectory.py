@@ -130,12 +130,12 @@ def from_message(message: Any) -> Samples:
         if not isinstance(point, Mapping):
             raise InvalidInput(key, "a table", value=point)
         files.check_keys(f"{key}: ", point, _POINT_KEYS, ["time_from_start"])
-        times.append(_seconds(f"{key}: time_from_start", point["time_from_start"]))
+        times.append(duration(f"{key}: time_from_start", point["time_from_start"]))
         for field in _FIELDS:
             row = point.get(field)
             if row:
-                numbers = _row(f"{key}: {field}", row, len(names))
-                columns[field].append(numbers)
+                own = numbers(f"{key}: {field}", row, len(names))
+                columns[field].append(own)
             if len(columns[field]) not in (0, number):
                 right = "numbers in every point, or in none"
                 raise InvalidInput(f"{key}: {field}", right, value=row)
@@ -148,16 +148,8 @@ def from_message(message: Any) -> Samples:
         )
         raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
     tables: dict[str, Any] = {name: own for name, own in columns.items() if own}
-    read = np.array(columns["positions"])
-    known = [digits.half_digits([repr(item) for item in own.tolist()], own) for own in read.T]
-    half, decimals = zip(*known, strict=True)
-    return Samples(
-        tuple(names),
-        np.array(times),
-        **tables,
-        half_digits=np.stack(half, axis=1),
-        decimals=decimals,
-    )
+    half, decimals = digits.of_numbers(np.array(columns["positions"]))
+    return Samples(tuple(names), np.array(times), **tables, half_digits=half, decimals=decimals)
 
 
 def _table(path: Path) -> Any:
@@ -189,25 +181,26 @@ def _uncarried(message: Any) -> Mapping[str, Any]:
     raise InvalidInput(_WHAT, f"{right}: joint_names and points")
 
 
-def _seconds(key: str, duration: Any) -> float:
+def duration(key: str, stated: Any) -> float:
     """A duration as ROS 2 or ROS 1 writes it, or a number of seconds."""
-    if not isinstance(duration, Mapping):
-        return _number(key, duration)
+    if not isinstance(stated, Mapping):
+        return _number(key, stated)
     for names in _DURATIONS:
-        if duration and duration.keys() <= set(names):
+        if stated and stated.keys() <= set(names):
             whole = []
             for name, most in zip(names, _DURATION_MAX, strict=True):
                 own = f"{key}.{name}"
-                value = _number(own, duration.get(name, 0))
+                value = _number(own, stated.get(name, 0))
                 if not 0 <= value <= most or value != int(value):
                     raise InvalidInput(own, f"a whole number from 0 to {most}", value=value)
                 whole.append(int(value))
             seconds, nanoseconds = whole
             return seconds + nanoseconds / _NANOSECONDS
-    raise InvalidInput(key, "{sec, nanosec}, {secs, nsecs} or seconds", value=dict(duration))
+    raise InvalidInput(key, "{sec, nanosec}, {secs, nsecs} or seconds", value=dict(stated))
 
 
-def _row(key: str, row: Any, joints: int) -> list[float]:
+def numbers(key: str, row: Any, joints: int) -> list[float]:
+    """A list of numbers, one per joint."""
     if _is_list(row) and _CUT_SHORT in row:
         right = "all numbers; `ros2 topic echo --full-length` does not cut arrays short"
         raise InvalidInput(key, right, value=_CUT_SHORT)

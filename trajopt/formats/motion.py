@@ -2,8 +2,9 @@
 
 - `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
 - `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
+- `.yaml`: a log of `sensor_msgs/JointState` (`trajopt.formats.joint_state`);
 - `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them,
-  with the `lengths` of pieces where the breaks round them;
+  with the `lengths` of pieces where the breaks round them; or MATLAB's `pp`, of `jsonencode`;
 - in Python also a `Trajectory`, `Samples`, and SciPy's `PPoly` and `BSpline`.
 """
 
@@ -27,7 +28,7 @@ from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.tables import check_joint_names
 from trajopt.core.trajectory import Trajectory
-from trajopt.formats import joint_trajectory, samples_csv
+from trajopt.formats import joint_state, joint_trajectory, samples_csv
 from trajopt.formats.samples import Samples, known_as
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
+_MATLAB_KEYS = ("form", "breaks", "coefs", "pieces", "order", "dim")
 _POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names", "lengths")
 # Further keys of files that `plan` writes.
 _TRIAL_KEYS = (
@@ -208,7 +210,7 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
     table = files.json(path, "motion") if path.suffix == ".json" else None
     stated = _stated(table) if isinstance(table, Mapping) else None
     if stated is None:
-        samples = joint_trajectory.read(path)
+        samples = joint_state.read(path) or joint_trajectory.read(path)
         return replace(_of_samples(path.name, samples, interpolation), of_message=True)
     _check_nothing_to_join(interpolation)
     trajectory, names = stated
@@ -219,6 +221,8 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
 
 def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]] | None:
     """The trajectory and the joints' names of a table of polynomials; None for a message."""
+    if table.get("form") == "pp" and "coefs" in table:
+        return _of_matlab(table), ()
     if "coefficients" not in table:
         return None
     known = (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS)
@@ -232,6 +236,26 @@ def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]] | None
     lengths = _array("lengths", table) if "lengths" in table else np.zeros(0)
     trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]], lengths)
     return trajectory, files.names_at(table, "joint_names")
+
+
+def _of_matlab(table: Mapping[str, Any]) -> Trajectory:
+    """The trajectory of MATLAB's `pp` (`mkpp`, `spline`), as `jsonencode` writes it.
+
+    Each row of `coefs` is one joint's polynomial on a piece, highest power first; the joints of a
+    piece follow each other.
+    """
+    files.check_keys("", table, _MATLAB_KEYS, ("breaks", "coefs"))
+    breaks = _array("breaks", table)
+    coefficients = np.atleast_2d(_array("coefs", table))
+    pieces = len(breaks) - 1
+    joints, rest = divmod(len(coefficients), max(pieces, 1))
+    if breaks.ndim != 1 or coefficients.ndim != 2 or pieces < 1 or rest or not joints:
+        right = "breaks, and coefs with a row for each joint of each piece"
+        raise InvalidInput("breaks and coefs", right, value=f"{breaks.shape}, {coefficients.shape}")
+    rows = coefficients.reshape(pieces, joints, -1)
+    check_work(rows.shape[2], pieces, joints)
+    times = breaks - breaks[0]
+    return Trajectory(times, np.moveaxis(rows, 2, 0), times[[0, -1]])
 
 
 def _array(key: str, table: Mapping[str, Any]) -> Array:

@@ -204,7 +204,7 @@ class RobotLimits:
         if count != len(self.joints):
             right = f"{len(self.joints)} columns ({names}), or a header with the joints' names"
             raise InvalidInput("columns", right, value=count)
-        if not self.ordered:
+        if not self.ordered and count > 1:
             right = f"a header with the joints' names ({names}): {self.source} has no order"
             raise InvalidInput("waypoints", right)
         return self.joint_names
