@@ -13,6 +13,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections import defaultdict
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from trajopt.benchmark.suites import literature
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.registry import entries
+from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.swarm_planner import SwarmPlanner
 
 mpl.use("Agg")
@@ -75,30 +77,80 @@ def bibtex(key: str, title: str) -> str:
 # --- problems ---
 
 
-def picture(trajectory: Trajectory, file: Path) -> None:
-    """Draw the best known motion: joint positions over time, with the waypoints' times."""
-    figure, axes = plt.subplots(figsize=(7, 2.6), layout="constrained")
-    ends = trajectory.breaks[0], trajectory.breaks[-1]
-    times = [ends[0] + (ends[1] - ends[0]) * share / 400 for share in range(401)]
-    lines = axes.plot(times, trajectory(times))
+BAR = {"proved bound": "#8C8C8C", "best known": "#0072B2", "stopping at every waypoint": "#BF8300"}
+
+
+def bars(axes: plt.Axes, durations: dict[str, float], colours: dict[str, str]) -> None:
+    """Draw durations, s, as labelled bars, the first on top."""
+    names = list(durations)
+    drawn = axes.barh(names, list(durations.values()), color=[colours[name] for name in names])
+    axes.bar_label(drawn, [f" {value:.4g} s" for value in durations.values()])
+    axes.margins(x=0.15)
+    axes.invert_yaxis()
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def picture(problem: Problem, trajectory: Trajectory, durations: dict[str, float]) -> plt.Figure:
+    """Draw the durations that are known, and the best known motion with its waypoints."""
+    figure, (upper, lower) = plt.subplots(
+        2, 1, figsize=(7, 4.4), layout="constrained", height_ratios=[1, 2]
+    )
+    bars(upper, durations, BAR)
+    upper.set_xlabel("duration (s)")
+    times = np.linspace(0, trajectory.duration, 401)
+    lines = lower.plot(times, trajectory(times))
     passed = trajectory(trajectory.waypoint_times)
     for joint, line in enumerate(lines):
-        axes.plot(trajectory.waypoint_times, passed[:, joint], ".", color=line.get_color())
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("position [rad or m]")
-    figure.savefig(file, dpi=110)
+        look = {"mec": line.get_color(), "mfc": "white", "ms": 4}
+        lower.plot(trajectory.waypoint_times, passed[:, joint], "o", **look)
+    if problem.joints <= 8:
+        lower.legend(lines, problem.joint_labels, loc="center left", bbox_to_anchor=(1, 0.5))
+    lower.set_xlabel("time (s)")
+    lower.set_ylabel(f"position ({problem.shared_unit()})")
+    lower.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def save(figure: plt.Figure, file: Path) -> None:
+    """Write a figure."""
+    file.parent.mkdir(exist_ok=True)
+    figure.savefig(file, dpi=100)
     plt.close(figure)
 
 
 def limits_table(problem: Problem) -> str:
-    """Return a row per joint with its limits in SI units."""
+    """Return a row per joint with its limits, each with its unit."""
     limits = problem.limits.by_name()
     given = {kind: pairs for kind, pairs in limits.items() if np.isfinite(pairs).any()}
+    orders = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
     rows = []
     for joint, name in enumerate(problem.joint_labels):
-        pairs = [pairs[joint] for pairs in given.values()]
-        rows.append([name, *(f"{number(low)} … {number(high)}" for low, high in pairs)])
+        cells = [name]
+        for kind, pairs in given.items():
+            low, high = pairs[joint]
+            unit = problem.unit(joint, orders[kind])
+            span = f"± {number(high)}" if low == -high else f"{number(low)} … {number(high)}"
+            cells.append(f"{span} {unit}" if math.isfinite(high) or math.isfinite(low) else "–")
+        rows.append(cells)
     return table(["joint", *given], rows)
+
+
+def waypoints_table(problem: Problem) -> str:
+    """Return a row per waypoint, a column per joint with its unit."""
+    units = [problem.unit(joint) for joint in range(problem.joints)]
+    labels = zip(problem.joint_labels, units, strict=True)
+    head = ["waypoint", *(f"{label} ({unit})" for label, unit in labels)]
+    rows = [[f"{i + 1}", *map(number, row)] for i, row in enumerate(problem.waypoints)]
+    return table(head, rows)
+
+
+def waypoints_csv(problem: Problem) -> str:
+    """Return the waypoints as a CSV with units in its header."""
+    units = [problem.unit(joint) for joint in range(problem.joints)]
+    labels = zip(problem.joint_labels, units, strict=True)
+    lines = [",".join(f"{label} [{unit}]" for label, unit in labels)]
+    lines += [",".join(repr(float(value)) for value in row) for row in problem.waypoints]
+    return "\n".join(lines) + "\n"
 
 
 def problem_page(file: Path) -> list[str]:
@@ -108,31 +160,50 @@ def problem_page(file: Path) -> list[str]:
     name = problem.name
     within = f"{100 * known.proved_within:.3g}"
     status = "closed" if known.closed else "open"
-    image = DOCS / "problems" / f"{slug(name)}.png"
+    image = DOCS / "problems" / f"{slug(name)}-known.png"
+    stopping = float(stop_times(problem).sum())
+    durations = {
+        "proved bound": known.lower_bound,
+        "best known": known.duration,
+        "stopping at every waypoint": stopping,
+    }
     if not image.is_file():
-        image.parent.mkdir(exist_ok=True)
-        picture(known.trajectory, image)
+        save(picture(problem, known.trajectory, durations), image)
+    write(DOCS / "problems" / f"{slug(name)}.toml", problem.to_toml())
+    write(DOCS / "problems" / f"{slug(name)}.csv", waypoints_csv(problem))
     size = [f"{problem.joints}", f"{len(problem.waypoints)}"]
     rows = [
-        ["best known duration", f"{known.duration:.9g} s"],
         ["by", str(known.motion)],
-        ["lower bound", f"{known.lower_bound:.9g} s, proved by {known.bound.method}"],
-        ["proved within", f"{within} % ({status})"],
-        ["joints, waypoints", ", ".join(size)],
+        ["proved by", known.bound.method],
         ["source", problem.source or "this toolkit"],
         ["digest", f"`{problem.digest()[:16]}`"],
     ]
+    more = (
+        f", {100 * (stopping / known.duration - 1):.3g} % more" if math.isfinite(stopping) else ""
+    )
+    stops = f" Stopping at every waypoint takes {stopping:.6g} s{more}." * math.isfinite(stopping)
     text = f"""# {name}
 
-{table(["", ""], rows)}
+The best known motion through these {len(problem.waypoints)} waypoints of {problem.joints} joints
+takes **{known.duration:.9g} s**. No motion takes less than {known.lower_bound:.9g} s:
+proved within {within} % ({status}).{stops}
 
-![Best known motion of {name}: joint positions over time]({slug(name)}.png)
+![Durations known of {name}, and its best known motion: joint positions over time]({image.name})
+
+## Waypoints
+
+{waypoints_table(problem)}
 
 ## Limits
 
-In rad or m, and seconds.
-
 {limits_table(problem)}
+
+{{download}}`Problem file (TOML) <{slug(name)}.toml>`,
+{{download}}`waypoints (CSV) <{slug(name)}.csv>`
+
+## Who found it
+
+{table(["", ""], rows)}
 
 ## Run it
 
@@ -201,9 +272,10 @@ def claim_pages() -> None:
             claims.append(
                 [row["method"], row["published s"], row["verdict"], f"{above:+.2f}", row["table"]]
             )
+        doi = f"[{published.doi}](https://doi.org/{published.doi})" if published.doi else "–"
         facts = [
             ["source", published.source],
-            ["DOI", published.doi or "–"],
+            ["DOI", doi],
             ["objective of the source", published.objective],
             ["read as", published.reading or "printed"],
             ["best known", f"{float(best['best known s']):.6g} s ({best['best by']})"],
@@ -211,9 +283,15 @@ def claim_pages() -> None:
             ["stopping at every waypoint", f"{float(best['stopping s']):.6g} s"],
             ["digits", published.transcription],
         ]
-        text = f"""# Published times: {name}
+        title = claim_title(published.source, name)
+        image = DOCS / "claims" / f"{slug(name)}-times.png"
+        if not image.is_file():
+            save(claim_picture(rows), image)
+        text = f"""# {title}
 
-{table(["", ""], facts)}
+{claim_sentence(rows)}
+
+![Published times beside the best known, the bound, and stopping]({image.name})
 
 {table(["method", "published s", "verdict", "above best %", "table"], claims)}
 
@@ -221,19 +299,20 @@ A published time above the best known one is not an error of the source.
 Most sources minimise something else as well.
 [The literature on trial](../literature.md) says how to read the verdicts.
 
+{table(["", ""], facts)}
+
 ```bash
 trajopt claims {name}
 ```
 
 {bibtex(slug(name), f"Published running times of {name}, held against the optimum")}"""
         write(DOCS / "claims" / f"{slug(name)}.md", text)
-        index.append(
-            [f"[{name}]({slug(name)}.md)", f"{len(rows)}", f"{float(best['best known s']):.6g}"]
-        )
+        best_known = f"{float(best['best known s']):.6g}"
+        index.append([f"[{title}]({slug(name)}.md)", f"`{name}`", f"{len(rows)}", best_known])
     names = "\n".join(slug(name) for name in verdicts)
     text = f"""# Published claims
 
-{table(["published problem", "times", "best known s"], index)}
+{table(["source", "problem", "times", "best known s"], index)}
 
 ```{{toctree}}
 :hidden:
@@ -242,6 +321,43 @@ trajopt claims {name}
 ```
 """
     write(DOCS / "claims" / "index.md", text)
+
+
+def claim_title(source: str, name: str) -> str:
+    """Return who published it, when, and which problem of theirs it is."""
+    found = re.match(r"(.*?\b(?:19|20)\d\d)\b", source)
+    return f"{found[1] if found else source}: {name}"
+
+
+def claim_sentence(rows: list[dict[str, str]]) -> str:
+    """Say how the shortest published time compares."""
+    shortest = min(rows, key=lambda row: float(row["published s"]))
+    best = float(shortest["best known s"])
+    published = float(shortest["published s"])
+    verdict = shortest["verdict"]
+    said = {
+        "above": f"{100 * (published / best - 1):.3g} % above the best known motion, {best:.6g} s",
+        "equal": f"as long as the best known motion, {best:.6g} s",
+        "impossible": "shorter than a proved lower bound: no motion under these limits does it",
+        "unproved": f"shorter than the best known motion, {best:.6g} s, and not refuted",
+    }.get(verdict, verdict)
+    return f"The shortest published time, {published:g} s ({shortest['method']}), is **{said}**."
+
+
+def claim_picture(rows: list[dict[str, str]]) -> plt.Figure:
+    """Draw published times beside what is known."""
+    best = rows[0]
+    durations = {
+        "proved bound": float(best["lower bound s"]),
+        "best known": float(best["best known s"]),
+        "stopping at every waypoint": float(best["stopping s"]),
+    }
+    published = {textwrap.shorten(row["method"], 45): float(row["published s"]) for row in rows}
+    colours = BAR | dict.fromkeys(published, "#D55E00")
+    figure, axes = plt.subplots(figsize=(7, 0.4 * (3 + len(published)) + 0.6), layout="constrained")
+    bars(axes, durations | published, colours)
+    axes.set_xlabel("duration (s)")
+    return figure
 
 
 def printed(*arguments: str) -> str:
@@ -271,6 +387,30 @@ def meaning(name: str) -> str:
     return "\n\n".join(inspect.getdoc(part) or "" for part in parts)
 
 
+# Whose method a planner runs; the others are this toolkit's.
+WHOSE = {
+    "toppra": "H. Pham and Q.-C. Pham (2018), in their library toppra",
+    "ruckig-stop": "L. Berscheid and T. Kröger (2021), in their library Ruckig",
+    "ruckig-search": "this toolkit, around L. Berscheid and T. Kröger's Ruckig (2021)",
+    "issa": "Ma et al. (2024), *Machines* 12(7):490",
+    "ssa": "J. Xue and B. Shen (2020), as Ma et al. (2024) use it",
+    "pso": "J. Kennedy and R. Eberhart (1995), as Ma et al. (2024) use it",
+    "cmaes": "N. Hansen, in the library cma",
+    "de": "R. Storn and K. Price (1997), in SciPy",
+    "copp": "the authors of COPP",
+    "drake-kto": "the authors of Drake",
+    "minsnap": "D. Mellinger and V. Kumar (2011), in minsnap_trajectories",
+    "totg": "T. Kunz and M. Stilman (2012), in Tesseract",
+}
+
+
+def meaning_of(option: str, said: str) -> str:
+    """Return what a planner's docstring says of an option; empty where it says nothing."""
+    items = re.findall(r"^- (.*?)(?=^- |^\n|\Z)", said, re.M | re.S)
+    found = next((item for item in items if f"`{option}`" in item), "")
+    return " ".join(found.split()).rstrip(";.").replace("|", "\\|")
+
+
 def planner_pages() -> None:
     """Write a page per registered planner: what it is, its settings, its gaps, how to run it."""
     six_axis = stored_rows("six-axis")
@@ -278,19 +418,26 @@ def planner_pages() -> None:
     index = []
     for described in json.loads(printed("list", "--json"))["planners"]:
         name = described["name"]
-        options = [[f"`{key}`", f"`{value!r}`"] for key, value in described["options"].items()]
+        said = meaning(name)
+        options = [
+            [f"`{key}`", f"`{value!r}`", meaning_of(key, said)]
+            for key, value in described["options"].items()
+        ]
+        whose = WHOSE.get(name, "this toolkit")
         knows = ", ".join(described["knows"]) or "none; the judge slows its motion down"
         text = f"""# Planner {name}
 
 {described["description"]}
 
-Limits that it keeps: {knows}.
+By {whose}. Limits that it keeps: {knows}.
 
 ## Settings
 
-{table(["option", "default"], options) if options else "It has none."}
+{table(["option", "default", "meaning"], options) if options else "It has none."}
 
-{meaning(name)}
+## How it works
+
+{said}
 
 ## Run it
 

@@ -17,11 +17,11 @@ from trajopt.views.results import Results
 from trajopt.views.table_cells import Cells
 
 _PAIRED_MEANING = (
-    "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's "
-    "(alone: only it has an answer, none: only the other has). "
+    "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
     "Both answer: without the problems on which one has no answer. p: Wilcoxon's signed ranks, "
     "problems of one arm, paper or random family counting as one; by Holm for the rows of this "
-    "table. Shorter: chance that a run of it is shorter, with its 95 % interval."
+    "table. Proved: a lower bound decides. Families: fewer than six cannot be tested. Shorter: "
+    "chance that a run of it is shorter, with its 95 % interval."
 )
 _SEEDS_MEANING = (
     "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for the "
@@ -73,7 +73,9 @@ def paired_row(row: Any) -> list[object]:
     """Return the cells of a row of `pairwise.paired_tests`: problems, ratio, p and chance."""
     own = table_cells.of_pair(row)
     counts = (row.problems, row.better, row.tied, row.worse)
-    return [*counts, own["ratio"], own["holm"], _effect(own)]
+    known = table_cells.evidence(row).removesuffix(": cannot be tested")
+    p = own["holm"] if known in ("yes", "not shown") else known
+    return [*counts, own["ratio"], p, _effect(own)]
 
 
 def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:

@@ -15,6 +15,8 @@ ALONE = "alone"  # in place of a ratio of 0: only it has an answer
 _SMALLEST_RATIO = 5e-5  # smaller ones would be 0.0000
 _ZERO = 5e-5  # a ratio minus 1 that is 0.00 %
 ROUNDING = 1e-4  # a dilation minus 1 below it is no broken limit
+SURE = 0.05  # a difference is real where its adjusted p is below
+FEWEST_GROUPS = 6  # of fewer no signed-rank test has a p below SURE: 2/2⁵ is 0.0625
 SMALLEST_P = 0.001  # smaller ones are less than it
 
 Cells = dict[str, str]
@@ -104,7 +106,7 @@ def of_planner(row: Any) -> Cells:
     """The cells of a planner, over the problems that it supports."""
     return {
         "problems": str(row.problems),
-        "solved": f"{row.solved} of {row.trials}",
+        "solved": f"{row.solved} of {row.solved + row.failed}",
         "failed": str(row.failed),
         "relaxed": str(row.relaxed),
         "gap": gap(row.gap),
@@ -124,6 +126,21 @@ def of_pair(row: Any) -> Cells:
         "p": probability(row.pvalue),
         "holm": probability(row.holm),
     }
+
+
+def evidence(row: Any) -> str:
+    """Say how a difference between two planners is known.
+
+    Args:
+        row: Of `Results.paired()` or of `Results.between_seeds()`.
+    """
+    if getattr(row, "proved", False):
+        return "proved"
+    groups = getattr(row, "groups", FEWEST_GROUPS)
+    if groups < FEWEST_GROUPS:
+        families = "one family" if groups == 1 else f"{groups} families"
+        return f"{families}: cannot be tested"
+    return "yes" if row.holm < SURE else "not shown"
 
 
 def reference(row: Any) -> str:

@@ -17,13 +17,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from trajopt.benchmark.best_known.records import CLOSED_WITHIN
 from trajopt.core.arrays import Array
 from trajopt.explain.references import OPTIMUM
 from trajopt.views.analysis import statistics
 
 TIE_DIGITS = 6  # significant digits of a duration: those equal to so many are tied
 KEYS = ["planner", "against"]
-_PROBLEM_COLUMNS = ["digest", "group", *KEYS, "own", "theirs", "chance"]
+_PROBLEM_COLUMNS = ["digest", "group", *KEYS, "own", "theirs", "chance", "bound"]
 _PAIRED_COLUMNS = [
     "problems",
     "groups",
@@ -35,6 +36,7 @@ _PAIRED_COLUMNS = [
     "low",
     "high",
     "pvalue",
+    "proved",
     "both",
     "both_better",
     "both_tied",
@@ -121,15 +123,21 @@ def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
     return pd.Series(ranks, costs.columns, name="rank")
 
 
-def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
+def pairs_by_problem(runs: pd.DataFrame, bounds: pd.Series[float] | None = None) -> pd.DataFrame:
     """One row per problem and pair of planners run on it, each pair once, of `Results.trials()`.
+
+    Args:
+        runs: The trials.
+        bounds: By digest the duration that no motion beats, s; NaN where none is proved.
 
     Columns:
         digest, group: the problem, and what it shares with others (`catalogue.group`).
         planner, against: the pair.
         own, theirs: median certified durations of `planner` and of `against`, s.
         chance: that a run of `planner` is shorter than one of `against`, ties counting half.
+        bound: that of the problem, s.
     """
+    proved = {} if bounds is None else bounds.to_dict()
     durations = _tie_durations(runs)
     problems: dict[str, dict[str, Array]] = {}
     cells = durations.groupby([runs["digest"], runs["label"]])
@@ -143,7 +151,8 @@ def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
         for a, b in combinations(sorted(planners), 2):
             chance = statistics.shorter_chance(planners[a], planners[b])
             durations = (middle[a], middle[b])
-            rows.append((digest, groups[digest], a, b, *durations, float(chance)))
+            bound = proved.get(digest, np.nan)
+            rows.append((digest, groups[digest], a, b, *durations, float(chance), bound))
     return pd.DataFrame(rows, columns=_PROBLEM_COLUMNS)
 
 
@@ -162,6 +171,7 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
             in the middle; 0 or +inf where only one has an answer, NaN between the two.
         chance, low, high: mean over groups of the chance that its run is the shorter, and a 95 %
             interval (`statistics.mean_interval`).
+        proved: Whether proved lower bounds decide the difference, without a test (`_proved`).
         pvalue: of Wilcoxon's signed-rank test over groups of problems on log ratios; where only one
             has an answer, the ratio is the largest of all.
         holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
@@ -264,7 +274,23 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
         "low": chance.low,
         "high": chance.high,
         "pvalue": test.pvalue,
+        "proved": _proved(group),
     } | _both_answer(own[answered], theirs[answered], of_group[answered])
+
+
+def _proved(group: pd.DataFrame) -> bool:
+    """Tell if one planner is shorter on every problem of a pair, but for ties, by a proof.
+
+    It is on a problem where its duration is within `CLOSED_WITHIN` of the proved bound, and the
+    other's median is further above it than a motion faster than it could be.
+    """
+    apart = group[group["own"] != group["theirs"]]
+    shorter = apart[["own", "theirs"]].min(axis=1)
+    longer = apart[["own", "theirs"]].max(axis=1)
+    open_ratio = shorter / apart["bound"]
+    decided = (open_ratio < 1 + CLOSED_WITHIN) & (longer / shorter > open_ratio)
+    one_side = (apart["own"] < apart["theirs"]).nunique() == 1
+    return bool(len(apart) and one_side and decided.all() and np.isfinite(longer).all())
 
 
 def _both_answer(own: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:

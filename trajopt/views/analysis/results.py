@@ -227,7 +227,7 @@ class Tables:
         the columns. `.loc["issa", "ssa"]` is one row, `.xs("ssa", level="against")` all against
         one.
         """
-        pairs = pairwise.pairs_by_problem(competing(self._trials))
+        pairs = pairwise.pairs_by_problem(competing(self._trials), self._references["proved"])
         return pairwise.paired_tests(pairs)
 
     def between_seeds(self, problem: str | None = None) -> pd.DataFrame:

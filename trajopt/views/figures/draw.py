@@ -35,7 +35,7 @@ from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
-from trajopt.views.figures.style import KNOWN, headline
+from trajopt.views.figures.style import KNOWN, SPOKEN, headline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -294,6 +294,12 @@ def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture
         yield f"motion-{names[trial.label]}", picture
 
 
+def overlaid(trials: Sequence[Trial]) -> Figure | None:
+    """Draw the motions of a few planners on one problem on one time axis; None without two."""
+    found = dict(_overlay(trials, _order(trials)))
+    return found["overlay"]() if found else None
+
+
 def _overlay(trials: Sequence[Trial], order: Sequence[str]) -> Iterator[Picture]:
     """Yield the motions of a few planners and the optimum on one time axis."""
     from trajopt.views.figures import overlay
@@ -302,7 +308,7 @@ def _overlay(trials: Sequence[Trial], order: Sequence[str]) -> Iterator[Picture]
     optimum, name = _optimum(trials)
     shown = [
         overlay.Motion(
-            trial.label, overlay.SPOKEN.get(trial.label, trial.label), trial.certified_trajectory
+            trial.label, SPOKEN.get(trial.label, trial.label), trial.certified_trajectory
         )
         for trial in _telling(medians)
         if trial.certified_trajectory is not None and trial.planner not in REFERENCES

@@ -23,19 +23,6 @@ LABEL_CHARACTER = 0.011  # of the panel's width, roughly a character's
 FULL = 105.0  # %, of the axis of used limits
 
 
-# Names for readers who do not know this toolkit's.
-SPOKEN = {
-    "toppra": "TOPP-RA",
-    "ruckig-stop": "Ruckig, stopping",
-    "ruckig-search": "Ruckig, searched",
-    "issa": "ISSA + 3-5-3",
-    "ssa": "SSA + 3-5-3",
-    "pso": "PSO + 3-5-3",
-    "spline353-nlp": "best 3-5-3",
-    "unoptimised": "3-5-3, unoptimised",
-}
-
-
 class Motion(NamedTuple):
     """A motion that is shown.
 

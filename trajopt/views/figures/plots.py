@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from io import BytesIO
+from io import BytesIO, StringIO
 from itertools import cycle
 from math import inf, isnan
 from pathlib import Path
@@ -94,6 +94,12 @@ def write(figure: Figure, file: Path) -> Path:
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         figure.savefig(file, dpi=PNG_DPI, metadata=undated.get(file.suffix))
     return file
+
+
+@styled
+def save_svg(figure: Figure, file: StringIO) -> None:
+    """Write a figure as SVG into a text."""
+    figure.savefig(file, format="svg", metadata={"Date": None})
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:

@@ -33,6 +33,18 @@ KNOWN = (
     *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg"),
 )
 
+# Names for readers who do not know this toolkit's.
+SPOKEN = {
+    "toppra": "TOPP-RA",
+    "ruckig-stop": "Ruckig with stops",
+    "ruckig-search": "Ruckig, searched waypoints",
+    "issa": "ISSA + 3-5-3",
+    "ssa": "SSA + 3-5-3",
+    "pso": "PSO + 3-5-3",
+    "spline353-nlp": "best 3-5-3",
+    "unoptimised": "3-5-3, unoptimised",
+}
+
 QUANTITIES: tuple[LimitName, ...] = ("position", "velocity", "acceleration", "jerk")
 """By the order of the derivative; `Problem.unit` has their units."""
 ZERO_WIDTH_SPACE = "\u200b"

@@ -21,7 +21,7 @@ from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
 from trajopt.views.figures.style import BLACK, CURVES, places
-from trajopt.views.report import lines, origin
+from trajopt.views.report import lines, origin, verdict
 
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
@@ -143,6 +143,26 @@ class Page:
     def suspicious(self) -> list[dict[Any, Any]]:
         rows: list[dict[Any, Any]] = self.results.suspicious().to_dict("records")
         return rows
+
+    @cached_property
+    def single(self) -> bool:
+        """Whether the page is about one problem: no profile, no shares of problems."""
+        return len(self.problems) == 1
+
+    @cached_property
+    def verdict(self) -> str:
+        """What the page says, in a sentence."""
+        return verdict.of_problem(self.results) if self.single else verdict.of_suite(self.results)
+
+    @cached_property
+    def durations(self) -> list[dict[str, Any]]:
+        """Of the page's only problem a line per planner, the shortest first."""
+        return verdict.durations(self.results, self.labels)
+
+    @cached_property
+    def overlay(self) -> str:
+        """The motions of a few planners on one time axis, as SVG; empty without two."""
+        return verdict.overlaid(self.results.items)
 
     @cached_property
     def failures(self) -> list[dict[str, Any]]:

@@ -16,7 +16,6 @@ from trajopt.views import table_cells
 
 Cell = tuple[str, str]
 
-SURE = 0.05  # an adjusted p below it is called real
 BETWEEN = "\u202f"  # thousands
 RATIO = ".5f"
 
@@ -76,7 +75,7 @@ def _over_problems(row: Any) -> dict[str, Any]:
             table_cells.probability(row.both_holm),
         ]
         line["both"] = {
-            "real": bool(row.both_holm < SURE),
+            "real": "yes" if row.both_holm < table_cells.SURE else "not shown",
             "cells": [(str(text), "") for text in counts + rest],
         }
     return line
@@ -93,7 +92,7 @@ def _line(row: Any, first: Sequence[object]) -> dict[str, Any]:
     texts = [*map(str, first), table_cells.ratio(row.ratio, RATIO)]
     chance = (own["chance"], f"[{own['interval']}]")
     return {
-        "real": bool(row.holm < SURE),
+        "real": table_cells.evidence(row),
         "whisker": [round(end, 4) for end in (row.chance, row.low, row.high)],
         "cells": [*((text, "") for text in texts), chance, (own["holm"], "")],
     }

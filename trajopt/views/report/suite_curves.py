@@ -33,7 +33,7 @@ def suites(page: Page) -> list[dict[str, Any]]:
     """The curves and pairs of all problems, of each suite, and of each kind of limits."""
     problems = dict(zip(page.digests, page.problems, strict=True))
     histories = page.results.histories()
-    pairs = pairs_by_problem(competing(page.gaps))
+    pairs = pairs_by_problem(competing(page.gaps), page.results.references()["proved"])
     found = []
     for name, members in groups(problems).items():
         ran = page.gaps["digest"].isin(members)

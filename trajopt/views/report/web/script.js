@@ -168,8 +168,8 @@
   };
   const judged = (row, line) => {
     ["--at", "--low", "--high"].forEach((name, i) => row.querySelector(".whisker")?.style.setProperty(name, line.whisker[i]));
-    row.classList.toggle("sure", line.real);
-    row.querySelector(".real").textContent = line.real ? "yes" : "not shown";
+    row.classList.toggle("sure", line.real === "yes" || line.real === "proved");
+    row.querySelector(".real").textContent = line.real;
   };
   const compare = () => {
     const suite = whole(), against = $("against").value;
