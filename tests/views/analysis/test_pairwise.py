@@ -1,6 +1,7 @@
 """Planners against each other, by hand, by SciPy and statsmodels, and by counting pairs of runs."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
+from trajopt.views import table_cells
 from trajopt.views.analysis.pairwise import (
     between_seeds,
     mean_ranks,
@@ -284,3 +286,43 @@ def test_mean_ranks_by_hand():
         "c": pytest.approx(7 / 3),
     }
     assert mean_ranks(runs(a=[[1]], b=[[2]])).empty
+
+
+def proved(own, theirs, bounds):
+    """Return the row of `a` against `b` on problems with these durations and bounds."""
+    table = runs(a=[[d] for d in own], b=[[nan if d == inf else d] for d in theirs])
+    digests = table["digest"].unique()
+    known = pd.Series(bounds, index=digests, dtype=float)
+    return paired_tests(pairs_by_problem(table, known)).loc[("a", "b")]
+
+
+@pytest.mark.parametrize(
+    ("own", "theirs", "bounds", "decided"),
+    [
+        ([1.0], [2.9], [1.0], True),  # the bound is met: nothing can be shorter
+        ([1.0], [2.9], [0.9], False),  # a shorter motion is not excluded
+        ([1.0], [2.9], [nan], False),
+        ([1.0], [1.0], [1.0], False),  # a tie
+        ([1.0005], [1.0007], [1.0], False),  # less apart than the proof leaves open
+        ([1.0, 2.9], [2.9, 1.0], [1.0, 1.0], False),  # one each
+        ([1.0, 1.0], [2.9, 1.0], [1.0, 1.0], True),  # one longer, one tied
+        ([1.0], [inf], [1.0], False),  # no answer is no duration
+    ],
+)
+def test_a_bound_decides_where_it_can(own, theirs, bounds, decided):
+    assert bool(proved(own, theirs, bounds)["proved"]) == decided
+
+
+def test_what_one_family_cannot_test_is_said_so():
+    """With n families the smallest p is 2/2ⁿ."""
+    row = SimpleNamespace(proved=False, groups=1, holm=1.0)
+    assert table_cells.evidence(row) == "one family: cannot be tested"
+    assert (
+        2 / 2**table_cells.FEWEST_GROUPS
+        < table_cells.SURE
+        < 2 / 2 ** (table_cells.FEWEST_GROUPS - 1)
+    )
+    row = SimpleNamespace(proved=True, groups=1, holm=1.0)
+    assert table_cells.evidence(row) == "proved"
+    row = SimpleNamespace(proved=False, groups=9, holm=0.01)
+    assert table_cells.evidence(row) == "yes"

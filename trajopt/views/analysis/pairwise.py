@@ -171,7 +171,7 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
             in the middle; 0 or +inf where only one has an answer, NaN between the two.
         chance, low, high: mean over groups of the chance that its run is the shorter, and a 95 %
             interval (`statistics.mean_interval`).
-        proved: Whether proved lower bounds decide the difference, without a test (`_proved`).
+        proved: 1 where proved lower bounds decide the difference, without a test (`_proved`), or 0.
         pvalue: of Wilcoxon's signed-rank test over groups of problems on log ratios; where only one
             has an answer, the ratio is the largest of all.
         holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
@@ -274,7 +274,7 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
         "low": chance.low,
         "high": chance.high,
         "pvalue": test.pvalue,
-        "proved": _proved(group),
+        "proved": float(_proved(group)),
     } | _both_answer(own[answered], theirs[answered], of_group[answered])
 
 

@@ -1,0 +1,50 @@
+"""What a report says first: how far above the optimum, the durations, and a picture."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from trajopt import Results, compare
+from trajopt.views import report
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory):
+    """Trials of one problem of one joint: its optimum has a closed form."""
+    folder = tmp_path_factory.mktemp("one")
+    return compare(["one-joint"], ["ruckig-stop", "pso"], folder / "r", seeds=2, jobs=1)
+
+
+@pytest.fixture(scope="module")
+def page(one, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    return report.write(Results(one.items), path).read_text(encoding="utf-8")
+
+
+def test_the_first_sentence_says_how_far_above_the_proved_optimum(page, one):
+    """`one-joint`: 1.5 rad at 1 rad/s and 2 rad/s² takes 1.5 + 0.5 = 2 s; stops take 2.9939 s."""
+    [verdict] = re.findall(r'<p class="lead verdict">(.*?)</p>', page)
+    gaps = one.gaps().groupby("label")["gap"].median()
+    stops = 100 * gaps["ruckig-stop"]
+    assert f"Ruckig with stops {stops:.1f} %" in verdict
+    assert "PSO + 3-5-3" in verdict
+    assert "(median)" in verdict
+    assert re.search(r"above the (proved|best known) 2\.0000 s", verdict)
+
+
+def test_one_problem_has_no_profile_and_no_shares(page):
+    for name in ("planners", "paired"):
+        assert re.search(rf'id="{name}" hidden', page)
+    assert 'id="durations"' in page
+    assert "<svg" in page[page.index('class="overlay"') :]
+
+
+def test_bars_are_as_long_as_the_durations(page, one):
+    bars = dict(
+        re.findall(r'data-planner="(\d)" aria-pressed.*?style="width:([\d.]+)%', page, re.S)
+    )
+    certified = one.trials()["certified_duration"]
+    shortest = 100 * certified.min() / certified.max()
+    assert min(map(float, bars.values())) == pytest.approx(shortest, abs=0.01)
