@@ -34,7 +34,8 @@ from trajopt.core.limits import LIMIT_NAMES, Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.planner import Planner, backend
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # One joint's breaks and coefficients, as `Trajectory.joined` takes them.
@@ -75,7 +76,7 @@ class RuckigStop(Planner):
     requires = ("ruckig",)
     knows = LIMIT_NAMES
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         return _solution(problem, sections, sections.at_rest, [])
@@ -97,7 +98,7 @@ class RuckigVia(RuckigStop):
         if self.evaluations < 1:
             raise InvalidInput("evaluations", "at least 1", value=self.evaluations)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         states, history = improved(sections, self.evaluations)
@@ -105,14 +106,14 @@ class RuckigVia(RuckigStop):
 
 
 class Sections:
-    """Ruckig on the segments of a problem without identical consecutive waypoints.
+    """Ruckig on the segments of a problem whose consecutive waypoints differ and joints all move.
 
-    Only joints that move count. `states` are `(2, waypoints, joints)`: velocity, rad/s, and
+    `states` are `(2, waypoints, joints)`: velocity, rad/s, and
     acceleration, rad/s² (unused for joints without a jerk limit). `at_ends` are the states at both
     ends of the segments of several cases: `(2, 2 ends, cases, joints)`.
 
     Attributes:
-        waypoints: Of the moving joints, rad.
+        waypoints: rad.
         unit_times: Each segment's unit of time, s.
         low, high: Bounds of the states at every waypoint.
         evaluations: Number of sections computed.
@@ -120,16 +121,15 @@ class Sections:
 
     def __init__(self, problem: Problem) -> None:
         ruckig = backend("ruckig")
-        self.moving = np.flatnonzero(problem.moving)
-        self.waypoints = problem.waypoints[:, self.moving]
-        self.limits = problem.limits.only(self.moving)
-        joints = len(self.moving)
+        self.waypoints = problem.waypoints
+        self.limits = problem.limits
+        joints = problem.joints
         self._solver = ruckig.Ruckig(joints)
         self._trajectory = ruckig.Trajectory(joints)
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         # a result code that Ruckig's own enumeration lacks is a ValueError
         self._errors = (ruckig.RuckigError, ValueError)
-        self.unit_times = stop_times(Problem(self.waypoints, self.limits))
+        self.unit_times = stop_times(problem)
         self._unit_lengths = _travelled(self.limits, self.unit_times[:, None])
         ways = np.diff(self.waypoints, axis=0)
         self._inputs = [
@@ -174,8 +174,9 @@ class Sections:
             k: The segments' numbers, from 0, `(cases,)`.
             at_ends: The states at both ends.
         """
+        unknown = [np.nan] * self.limits.joints
         minima = [
-            self._trajectory.independent_min_durations if solved else [np.nan] * len(self.moving)
+            self._trajectory.independent_min_durations if solved else unknown
             for _, solved in self._calculated(k, at_ends)
         ]
         return np.multiply(minima, self.unit_times[k, None])
@@ -304,8 +305,9 @@ def section(
     Raises:
         InvalidInput: No joint moves.
     """
-    sections = Sections(Problem(np.array([start[0], end[0]]), limits))
-    states = np.stack([start[1:], end[1:]], axis=1)[..., sections.moving]
+    problem = Problem(np.array([start[0], end[0]]), limits)
+    sections = Sections(RESTING_JOINTS.apply(problem))
+    states = np.stack([start[1:], end[1:]], axis=1)[..., problem.moving]
     (minima,) = sections.minima(*_every_segment(states))
     (duration,) = sections.durations(*_every_segment(states))
     return duration, minima
@@ -491,8 +493,7 @@ def _solution(problem: Problem, sections: Sections, states: Array, history: Hist
         motions = [*sections.motions(states)]
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
-    moving = Trajectory.of_segments((own.lengths, own.coefficients) for own in motions)
-    trajectory = moving.beside(problem.waypoints[0], problem.moving)
+    trajectory = Trajectory.of_segments((own.lengths, own.coefficients) for own in motions)
     low, high = problem.limits.jerk.T
     return Solution(
         Status.SOLVED,

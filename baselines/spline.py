@@ -33,7 +33,8 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline_family
-from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.planner import Planner, backend
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.spline_family import Family
 
@@ -127,7 +128,7 @@ class Spline(Planner):
             shape, problem.segments, self.ends, jerk_limited=problem.has("jerk")
         )
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: times of the pieces, s; each start's outcome.
 
@@ -223,7 +224,7 @@ class _Instants:
 
 
 class _Motion:
-    """The moving joints of a problem, each in the span between its extreme waypoints.
+    """A problem whose joints all move, each in the span between its extreme waypoints.
 
     Attributes:
         bounds: the limits of each derivative, from velocity on, `(joints, 2)`.
@@ -236,12 +237,10 @@ class _Motion:
     def __init__(self, problem: Problem, family: Family) -> None:
         self.problem = problem
         self.family = family
-        self.moving = problem.moving
-        moving = problem.waypoints[:, self.moving]
-        self.span = np.ptp(moving, axis=0)
-        self.displacements = np.diff(moving, axis=0) / self.span
+        self.span = np.ptp(problem.waypoints, axis=0)
+        self.displacements = problem.displacements / self.span
         self.joints = len(self.span)
-        limits = problem.limits.only(self.moving)
+        limits = problem.limits
         pairs = [limits.velocity, limits.acceleration]
         if problem.has("jerk"):
             pairs.append(limits.jerk)
@@ -250,7 +249,7 @@ class _Motion:
         self.sizes = [_sizes(bounds) for bounds in self.bounds]
         self.room: Array | None = None
         if problem.has("position"):
-            starts = moving[list(family.segments), :, None]
+            starts = problem.waypoints[list(family.segments), :, None]
             self.room = (limits.position - starts) / self.span[:, None]
 
     def stop_times(self) -> Array:
@@ -333,11 +332,9 @@ class _Motion:
         return dilation
 
     def trajectory(self, optimum: _Optimum) -> Trajectory:
-        """The spline in s and rad, with the joints that rest."""
+        """The spline in s and rad."""
         unit = self.family.powers(optimum.controls)
-        shape = (*unit.shape[:2], len(self.moving))
-        coefficients = np.zeros(shape)
-        coefficients[..., self.moving] = unit * self.span
+        coefficients = unit * self.span
         coefficients[-1] += self.problem.waypoints[list(self.family.segments)]
         coefficients = polynomials.stretched(coefficients, 1 / optimum.times)
         passed = np.cumsum(optimum.times)

@@ -25,7 +25,8 @@ from trajopt.core.limits import LIMIT_NAMES, Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
-from trajopt.planners.planner import Planner, passing_once
+from trajopt.planners.planner import Planner
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # Logarithms of the outer segment times over the middle one, all in stop times: the grid.
@@ -55,7 +56,7 @@ class Spline353NLP(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return spline353.unsupported(problem)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima. `stats`: segment times, each start's duration.
 

@@ -27,7 +27,8 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
-from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.planner import Planner, backend
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 Knots = Literal["uniform", "chord", "centripetal", "limit"]
@@ -91,7 +92,7 @@ class ToppRa(Planner):
         """Return the fastest timing of a given trajectory's path."""
         return along(problem, trajectory, gridpoints=self.gridpoints)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         solutions = {}
         for knot_rule, end_rule in rules(self.knots, self.ends):

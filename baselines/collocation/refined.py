@@ -33,7 +33,8 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
-from trajopt.planners.planner import Planner, passing_once
+from trajopt.planners.planner import Planner
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 
 # First number of intervals per segment, without and with jerk limits.
 _START_INTERVALS = 6
@@ -81,7 +82,7 @@ class CollocationRefined(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided_jerk.unsupported(problem)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima, refined.
 

@@ -30,7 +30,8 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.planner import Planner, backend
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # An expression of constraints with its lowest and highest values.
@@ -80,7 +81,7 @@ class Collocation(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided_jerk.unsupported(problem)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return a local optimum from a straight-line start that stops at every waypoint."""
         intervals = self.intervals * cells(problem)

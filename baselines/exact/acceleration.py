@@ -32,7 +32,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.planner import passing_once
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 
 Start = tuple[Array, Array]  # segment times, waypoint velocities
 
@@ -58,7 +58,7 @@ class Exact(SeveralStarts):
 
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best local optimum of `starts`, or of more where all of those failed.
 

@@ -29,7 +29,7 @@ from baselines.exact.several_starts import Optimum, SeveralStarts
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
-from trajopt.planners.planner import passing_once
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 
 # Times `starts`: how many are tried where all have failed so far.
 MAX_STARTS_FACTOR = 3
@@ -62,7 +62,7 @@ class ExactJerk(SeveralStarts):
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided_jerk.unsupported(problem)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: each start's status and duration (s).
 

@@ -14,7 +14,8 @@ from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.judging.smoothness import FrontPoint
-from trajopt.planners.planner import Planner, passing_once
+from trajopt.planners.planner import Planner
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
 # Times the shortest known duration, where neither a duration nor a budget is asked for.
@@ -60,7 +61,7 @@ class Smooth(Planner):
 
         return front(problem, self.measure, durations, time_limit)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best local optimum. `stats`: `value`, the integral; `limits_act`.
 

@@ -25,6 +25,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared, thinned
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
+from trajopt.planners.reductions import EQUAL_WAYPOINTS
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
@@ -89,16 +90,14 @@ def certify(
     began = time.perf_counter()
     if family not in ("free", "spline353"):
         raise InvalidInput("family", "'free' or 'spline353'", value=family)
-    merged, index = problem.merged()
+    merged = EQUAL_WAYPOINTS.apply(problem)
     if family == "free":
         bound = _free(merged, within, began, time_limit)
     else:
         bound = _spline353(merged, within, began + time_limit)
-    trajectory = bound.trajectory
-    if trajectory is not None:
-        times = trajectory.waypoint_times[index]
-        trajectory = replace(trajectory, waypoint_times=times)
-    return replace(bound, trajectory=trajectory)
+    if bound.trajectory is None:
+        return bound
+    return replace(bound, trajectory=EQUAL_WAYPOINTS.restored(problem, bound.trajectory))
 
 
 def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:

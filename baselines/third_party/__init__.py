@@ -16,24 +16,20 @@ and are judged as every other planner is.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import wraps
 from typing import Any, ClassVar
-
-import numpy as np
 
 from baselines.topp_ra import best_of, rules
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
-from trajopt.planners.planner import Planner, passing_once
-from trajopt.planners.rest_to_rest import stop_times
+from trajopt.planners.planner import Planner
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 
 TRIES = 12
 
 Setting = tuple[Any, ...]
-Tried = Callable[..., Solution]
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class Rival(Planner):
         if not 1 <= self.tries <= TRIES:
             raise InvalidInput("tries", f"from 1 to {TRIES}", value=self.tries)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of its tries. `stats`: the setting, and every setting's result."""
         solutions = {}
@@ -69,27 +65,3 @@ class Rival(Planner):
 def splines_after(first: Setting) -> list[Setting]:
     """Return the twelve splines through the waypoints, the authors' own one first."""
     return [first, *(spline for spline in rules() if spline != first)]
-
-
-def in_own_units(tried: Tried) -> Tried:
-    """Give a `tried` method lengths and times near 1: the packages' tolerances are absolute.
-
-    The unit of time is the time of stopping at every waypoint, the unit of length the largest
-    displacement of all joints.
-    """
-
-    @wraps(tried)
-    def measured(self: Any, problem: Problem, *setting: Any) -> Solution:
-        second = float(stop_times(problem).sum())
-        length = float(np.abs(problem.displacements).max())
-        limits = problem.limits.in_units(second, length)
-        plain = replace(problem, waypoints=problem.waypoints / length, limits=limits)
-        solution = tried(self, plain, *setting)
-        own = solution.trajectory
-        if own is None:
-            return solution
-        slower = own.dilated(second)
-        trajectory = replace(slower, coefficients=length * slower.coefficients)
-        return replace(solution, trajectory=trajectory)
-
-    return measured

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.third_party import Rival, in_own_units, splines_after
+from baselines.third_party import Rival, splines_after
 from baselines.topp_ra import Grid, Knots, cut, spline, timed, unit_path
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
@@ -34,6 +34,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import backend
+from trajopt.planners.reductions import OWN_UNITS, reduced
 
 _OWN = ("uniform", "quintic")
 _INTERVALS = 1000
@@ -52,7 +53,7 @@ class Copp(Rival):
     knows = ("velocity", "acceleration", "jerk")
     settings = tuple(own for own in splines_after(_OWN) if own != ("uniform", "clamped"))
 
-    @in_own_units
+    @reduced(OWN_UNITS)
     def tried(self, problem: Problem, knots: Knots, ends: Any) -> Solution:
         copp = backend("copp_py", self.extra)
         path = _quintic(problem, copp) if ends == "quintic" else spline(problem, knots, ends)

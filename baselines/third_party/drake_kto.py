@@ -26,7 +26,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from baselines.third_party import Rival, in_own_units
+from baselines.third_party import Rival
 from baselines.topp_ra import Knots, steps
 from trajopt.core.arrays import Array
 from trajopt.core.limits import LIMIT_NAMES
@@ -34,6 +34,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
+from trajopt.planners.reductions import OWN_UNITS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # Initial guess of the duration, relative to the time of stopping at every waypoint.
@@ -57,7 +58,7 @@ class DrakeKto(Rival):
     knows = LIMIT_NAMES
     settings = tuple(product((10, 5, 20), _RULES))
 
-    @in_own_units
+    @reduced(OWN_UNITS)
     def tried(self, problem: Problem, controls: int, knots: Knots) -> Solution:
         planning, solvers = [backend(name, self.extra) for name in self.requires]
         passed = np.cumsum(steps(problem, knots))

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.third_party import Rival, in_own_units
+from baselines.third_party import Rival
 from baselines.topp_ra import Knots, sampled_dilation, steps
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -36,6 +36,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import backend
+from trajopt.planners.reductions import OWN_UNITS, reduced
 
 # Orders of the derivatives that are minimised.
 _ORDERS: dict[str, int | tuple[int, ...]] = {
@@ -66,7 +67,7 @@ class MinSnap(Rival):
         *(("uniform", minimised, 5) for minimised in ("jerk", "snap")),
     )
 
-    @in_own_units
+    @reduced(OWN_UNITS)
     def tried(self, problem: Problem, knots: Knots, minimised: str, degree: int) -> Solution:
         package = backend("minsnap_trajectories", self.extra)
         order = _ORDERS[minimised]

@@ -27,7 +27,8 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.planner import Planner, Relation, adapted, backend, passing_once
+from trajopt.planners.planner import Planner, Relation, adapted, backend
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.registry import GROUP, Entry, configured, entries, label, load, options, parse
 from trajopt.planners.swarm_planner import SwarmPlanner, Unoptimised
 from trajopt.planners.testing import ContractError
@@ -63,7 +64,7 @@ class Straight(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return None
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         times = np.arange(len(problem.waypoints), dtype=float)
         coefficients = np.stack([problem.displacements, problem.waypoints[:-1]])
@@ -407,7 +408,7 @@ def test_a_waypoint_given_twice_is_passed_once():
 
 
 def test_an_answer_without_a_trajectory_is_left_as_it_is():
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem, *, seed=0):
         return Solution(Status.FAILED, message=f"{len(problem.waypoints)} waypoints")
 

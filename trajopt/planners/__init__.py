@@ -1,6 +1,7 @@
 """Planners: the contract, how planners are found, and the 3-5-3 spline. Read in this order:
 
 - `planner`: the contract that every planner keeps;
+- `reductions`: a problem made simpler for a planner, and its answer brought back;
 - `registry`: planners by name, and their options as text;
 - `testing`: the contract as a check of your own planner;
 - `rest_to_rest`: stopping at every waypoint, in closed form;

@@ -27,9 +27,8 @@ from dataclasses import MISSING, fields, is_dataclass, make_dataclass, replace
 from enum import Enum
 from functools import cached_property, wraps
 from types import FunctionType
-from typing import Any, TypeVar, cast, get_type_hints
+from typing import Any, cast, get_type_hints
 
-from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
@@ -367,37 +366,6 @@ def _unseen(kind: type, why: str, names: Sequence[str]) -> InvalidInput:
     lines = ["@dataclass(frozen=True)", f"class {kind.__name__}(Planner):", *options, "    ..."]
     right = "a frozen dataclass whose fields are its options (or a method options()):\n\n"
     return InvalidInput(f"planner {kind.__name__}: {why}", right + "\n".join(lines))
-
-
-SolveT = TypeVar("SolveT", bound=Callable[..., Solution])
-
-
-def passing_once(solve: SolveT) -> SolveT:
-    """Decorate a `solve` method to see consecutive identical waypoints as one, passed once."""
-
-    @wraps(solve)
-    def merged_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
-        merged, index = problem.merged()
-        solution = solve(self, merged, seed=seed)
-        if merged is problem:
-            return solution
-        return expanded(solution, index)
-
-    return cast(SolveT, merged_solve)
-
-
-def expanded(solution: Solution, index: Indices) -> Solution:
-    """Return a merged problem's solution with one waypoint time per original waypoint.
-
-    Args:
-        solution: The merged problem's.
-        index: The merged waypoint of each original one, `(waypoints,)`, from `Problem.merged`.
-    """
-    if solution.trajectory is None:
-        return solution
-    merged = solution.trajectory
-    original = replace(merged, waypoint_times=merged.waypoint_times[index])
-    return replace(solution, trajectory=original)
 
 
 def backend(name: str, extra: str = "") -> Any:

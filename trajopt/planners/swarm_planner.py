@@ -21,7 +21,8 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
 from trajopt.planners.compiled import compiled
-from trajopt.planners.planner import Planner, expanded, passing_once
+from trajopt.planners.planner import Planner
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
 from trajopt.planners.swarm.optimiser import added, check_choices, require
@@ -98,7 +99,7 @@ class SwarmPlanner(Planner):
         reason = spline353.infeasible(problem)
         if reason is not None:
             return [Solution(Status.INFEASIBLE, message=reason) for _ in seeds]
-        merged, index = problem.merged()
+        merged = EQUAL_WAYPOINTS.apply(problem)
         task = self.task(merged)
         low, high = task.box(len(seeds))
         result = minimise(
@@ -113,7 +114,7 @@ class SwarmPlanner(Planner):
         solutions = []
         for times, histories in task.answers(result):
             solution = self._solution(merged, task, result, times, histories)
-            solutions.append(expanded(solution, index))
+            solutions.append(EQUAL_WAYPOINTS.invert(problem, solution))
         return solutions
 
     def task(self, problem: Problem) -> SegmentTimes:
@@ -378,7 +379,7 @@ class Unoptimised(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return spline353.unsupported(problem)
 
-    @passing_once
+    @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         times = np.full(3, self.segment_time)
         trajectory = spline353.trajectory(problem, times)

@@ -1,0 +1,129 @@
+"""Reductions: a problem made simpler for a planner, and the answer brought back.
+
+    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution: ...
+
+sees a problem in which consecutive waypoints differ and every joint moves; who calls it gets the
+answer to the problem that was asked. This is cvxpy's design: `accepts`, `apply`, `invert`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from functools import wraps
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.rest_to_rest import stop_times
+
+SolveT = TypeVar("SolveT", bound=Callable[..., Solution])
+
+
+class Reduction(ABC):
+    """A way to make a problem simpler whose answers are answers of the whole."""
+
+    @abstractmethod
+    def accepts(self, problem: Problem) -> bool:
+        """Return whether there is something to make simpler."""
+
+    @abstractmethod
+    def apply(self, problem: Problem) -> Problem:
+        """Return the simpler problem."""
+
+    @abstractmethod
+    def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        """Return the whole problem's motion for one of the simpler problem."""
+
+    def invert(self, problem: Problem, solution: Solution) -> Solution:
+        """Return the whole problem's answer for one of the simpler problem."""
+        if solution.trajectory is None:
+            return solution
+        return replace(solution, trajectory=self.restored(problem, solution.trajectory))
+
+
+class EqualWaypoints(Reduction):
+    """Consecutive waypoints that are the same but for rounding become one, passed once."""
+
+    def accepts(self, problem: Problem) -> bool:
+        merged, _ = problem.merged()
+        return merged is not problem
+
+    def apply(self, problem: Problem) -> Problem:
+        merged, _ = problem.merged()
+        return merged
+
+    def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        _, index = problem.merged()
+        return replace(motion, waypoint_times=motion.waypoint_times[index])
+
+
+class RestingJoints(Reduction):
+    """Joints that never move are left out."""
+
+    def accepts(self, problem: Problem) -> bool:
+        return not problem.moving.all()
+
+    def apply(self, problem: Problem) -> Problem:
+        return problem.only(problem.moving)
+
+    def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        return motion.beside(problem.waypoints[0], problem.moving)
+
+
+class OwnUnits(Reduction):
+    """Lengths and times near 1, for solvers whose tolerances are absolute.
+
+    The unit of time is the time of stopping at every waypoint, the unit of length the largest
+    displacement of all joints.
+    """
+
+    def accepts(self, problem: Problem) -> bool:
+        return True
+
+    def apply(self, problem: Problem) -> Problem:
+        second, length = self._units(problem)
+        limits = problem.limits.in_units(second, length)
+        return replace(problem, waypoints=problem.waypoints / length, limits=limits)
+
+    def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        second, length = self._units(problem)
+        slower = motion.dilated(second)
+        return replace(slower, coefficients=length * slower.coefficients)
+
+    def _units(self, problem: Problem) -> tuple[float, float]:
+        """The units of time, s, and of length, rad."""
+        stops = stop_times(problem)
+        return float(stops.sum()), float(np.abs(problem.displacements).max())
+
+
+EQUAL_WAYPOINTS = EqualWaypoints()
+RESTING_JOINTS = RestingJoints()
+OWN_UNITS = OwnUnits()
+
+
+def reduced(*reductions: Reduction) -> Callable[[SolveT], SolveT]:
+    """Decorate a method that solves a problem to see it reduced, by the first reduction first."""
+
+    def decorated(solve: SolveT) -> SolveT:
+        @wraps(solve)
+        def whole(self: Any, problem: Problem, *arguments: Any, **keywords: Any) -> Solution:
+            simpler = problem
+            applied: list[tuple[Reduction, Problem]] = []
+            for reduction in reductions:
+                if reduction.accepts(simpler):
+                    applied.append((reduction, simpler))
+                    simpler = reduction.apply(simpler)
+            solution = solve(self, simpler, *arguments, **keywords)
+            for reduction, asked in reversed(applied):
+                solution = reduction.invert(asked, solution)
+            return solution
+
+        return cast(SolveT, whole)
+
+    return decorated
