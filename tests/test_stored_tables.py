@@ -140,6 +140,9 @@ def test_the_arena_says_what_its_table_shows():
     assert f"half of them end {sorted(largest)[len(largest) // 2]:.2f} % above" in text
     for name in ("pso", "ssa", "issa"):
         assert columns["median gap at 10,000"][names.index(name)] in text
+    groups = columns["group at 1,000"]
+    assert f"{groups.count('1')} optimisers do not differ significantly from the first" in text
+    assert f"{groups.count('2')} more form a second group" in text
 
 
 def test_the_readme_counts_published_times_as_their_page_does():
