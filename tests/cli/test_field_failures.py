@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trajopt import cli
+from trajopt import Limits, Problem, cli
+from trajopt.core.exceptions import InvalidInput
 
 
 @pytest.fixture
@@ -423,7 +424,9 @@ def test_matlab_s_polynomials(run):
     assert code == 0
     assert found["velocity"]["ratio"] == pytest.approx(1.5 * h / 5)
     assert found["acceleration"]["ratio"] == pytest.approx(6 * h / 25)
-    _, _, err = run("verify m.json --limits l.yaml", m__json=PP.replace("[0, 5, 10]", "[0, 5]"))
+    _, _, err = run(
+        "verify m.json --limits l.yaml", m__json=PP.replace("[0, 5, 10]", "[0, 5, 10, 15]")
+    )
     assert "m.json" in err
 
 
@@ -449,3 +452,111 @@ effort: [0.0, 0.0]
     wrong = text.replace("[0.1, -1.57]", "[0.1]")
     code, _, err = run(line, m__yaml=wrong)
     assert (code, "message 2: position is [0.1]: expected 2 numbers" in err) == (2, True)
+
+
+# --- FT4-16 to FT4-20: what is not here is named, with what is nearest ---
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "text", "words"),
+    [
+        (
+            "plan w.xlsx --limits l.yaml",
+            "w.xlsx",
+            b"PK\x03\x04\x14\x00",
+            "w.xlsx is a spreadsheet; expected waypoints, a row of joint positions each (.csv, "
+            ".txt, .npy, .json); save the sheet as CSV",
+        ),
+        (
+            "plan w.json --robot ur5e --unit rad",
+            "w.json",
+            b'[{"j1":0,"j2":0},{"j1":1,"j2":1}]',
+            "expected waypoints, a row of joint positions each (.csv, .txt, .npy, .json); a list "
+            "of rows of numbers is one",
+        ),
+        (
+            "plan w.csv --robot ur5e --unit deg",
+            "w.csv",
+            b"t,q1,q2,q3,q4,q5,q6\n0,0,-90,90,-90,-90,0\n1,40,-70,80,-100,-90,20\n",
+            "remove the column of times to plan through its positions",
+        ),
+        (
+            "plan p.src --robot ur5e --unit deg",
+            "p.src",
+            b"DEF demo()\nPTP {A1 0, A2 -90, A3 90, A4 0, A5 0, A6 0}\nEND\n",
+            "p.src is a robot program; expected",
+        ),
+        (
+            "plan p.mod --robot ur5e --unit deg",
+            "p.mod",
+            b"MODULE Demo\n  PROC main()\n    MoveAbsJ [[0,-20,20,0,30,0]], v1000;\n  ENDPROC\n",
+            "robot programs are not read: write the joint positions of its moves as a CSV",
+        ),
+        (
+            "plan p.script --robot ur5e --unit deg",
+            "p.script",
+            b"def demo():\n  movej([0,-1.5708,1.5708], a=1.4, v=1.05)\nend\n",
+            "p.script is a robot program",
+        ),
+        (
+            "plan w.csv --limits joint_limits.yaml",
+            "joint_limits.yaml",
+            b"joint1:\n  limit:\n    lower: -2.7437\n    upper: 2.7437\n    velocity: 2.62\n",
+            "joint_limits.yaml is a table of a robot description package; expected a "
+            "joint_limits.yaml behind --limits; its limits are in the URDF made of it",
+        ),
+        (
+            "plan w.csv --limits l.yaml",
+            "l.yaml",
+            b"joint_limits:\n  default_velocity_scaling_factor: 0.1\n  q1: {max_velocity: 2}\n",
+            "expected this key one level up, beside joint_limits:",
+        ),
+        (
+            "verify m.csv --robot ur5e --tolerance 0.1",
+            "m.csv",
+            b"",
+            "--tolerance is no option: limits have no tolerance here",
+        ),
+    ],
+)
+def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, words):
+    Path("w.csv").write_text("a\n0\n1\n")
+    code, _, err = run(line, **{name.replace(".", "__"): text})
+    assert code == 2
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("relative_dynamics_factor", "a speed is not asked for"),
+        ("timepoints", "times of waypoints are not given"),
+        ("current_velocity", "velocities at the ends"),
+        ("target_velocity", "velocities at the ends"),
+        ("current_acceleration", "velocities at the ends"),
+        ("minimum_duration", "a speed is not asked for"),
+        ("minimum_time", "a speed is not asked for"),
+        ("desired_duration", "a speed is not asked for"),
+        ("intermediate_positions", "rows of waypoints, in order, with both ends"),
+        ("per_section_max_velocity", "limits of a segment"),
+        ("sd_start", "velocities at the ends"),
+        ("min_velocity", "limits are under [limits]"),
+        ("max_velocity", "limits are under [limits]"),
+    ],
+)
+def test_words_of_other_tools(run, key, words):
+    problem = 'waypoints = [[0], [1]]\nunits = {waypoints = "rad", limits = "rad"}\n'
+    text = f"{key} = 1\n{problem}[limits]\nvelocity = [1]\nacceleration = [1]\n"
+    code, _, err = run("plan p.toml", p__toml=text)
+    assert code == 2
+    assert words in err
+    with pytest.raises(TypeError, match=re.escape(words)):
+        Problem([[0.0], [1.0]], Limits([1.0], [1.0]), **{key: 1})
+
+
+def test_arguments_that_nobody_has():
+    limits = Limits([1.0], [1.0])
+    with pytest.raises(TypeError, match="Problem takes no colour: it has waypoints, limits"):
+        Problem([[0.0], [1.0]], limits, colour=1)
+    with pytest.raises(InvalidInput, match="torques are not in this tool"):
+        Limits([1.0], [1.0], torque=[3.0])

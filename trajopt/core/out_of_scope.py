@@ -10,7 +10,12 @@ SCOPE = (
     "executes them. Not in scope: obstacles, torques, tool speed, orientation."
 )
 # An expression of words (`max_torque`, `tcp_speed`), and the sentence for whoever writes one.
+_SPEED = (
+    "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
+    "nearest are lower limits, or the scaling factors of a joint_limits.yaml"
+)
 _ELSEWHERE = {
+    r"(relative_)?(dynamics|velocity|acceleration|jerk)(_rel|_factor)": _SPEED,
     r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (
         "torques are not in this tool; the nearest are acceleration limits that the arm can keep "
         "in its worst pose"
@@ -31,17 +36,28 @@ _ELSEWHERE = {
         "waiting at a waypoint is not in this tool; the nearest is a problem for each part, which "
         "begins and ends at rest"
     ),
-    r"\w*(start|end|initial|final|goal|boundary)_(velocit|acceleration|speed|state)\w*|v0|vf": (
+    r"\w*(start|end|initial|final|goal|boundary|current|target)_(velocit|acceleration|speed|state)"
+    r"\w*|v0|vf|sdd?_(start|end)": (
         "velocities at the ends are not in this tool, every motion begins and ends at rest; the "
         "nearest is Ruckig by itself, from any velocity, for one segment"
     ),
-    r"segments?|\w*(segment_\w*limit|limits?_per|per_segment)\w*": (
+    r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
         "limits of a segment are not in this tool; the nearest is a problem for each part with its "
         "own limits, which begins and ends at rest"
     ),
-    r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|duration": (
-        "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
-        "nearest are lower limits, or the scaling factors of a joint_limits.yaml"
+    (
+        r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"
+        r"((minimum|min|desired|target|total)_)?durations?|(minimum|min|desired|total)_times?"
+    ): _SPEED,
+    r"(way_?point_)?times|time_?(points|stamps)|knots": (
+        "times of waypoints are not given in this tool, the planner finds them; the nearest is "
+        "`trajopt judge`, for a motion that has times"
+    ),
+    r"(intermediate|via)_(positions|points)": (
+        "points between start and goal are rows of waypoints, in order, with both ends"
+    ),
+    r"(min|max)_(velocity|acceleration|jerk|position)s?": (
+        "limits are under [limits], as velocity = [...]; a pair [low, high] has two sides"
     ),
     r"\w*(margin|safety)\w*": (
         "a margin is not asked for in this tool; the nearest are lower limits, by the scaling "
@@ -56,6 +72,10 @@ _ELSEWHERE = {
 _OPTIONS = {
     r"dt|(time_?|sampl\w*_)?(step|period)|control_cycle": (
         "the nearest is `trajopt plan --cycle` (s), or --rate (cycles per second)"
+    ),
+    r"(limit_)?tol(erance)?|eps(ilon)?": (
+        "limits have no tolerance here; the nearest is `trajopt judge --via-tolerance` (rad), for "
+        "a motion that passes near its waypoints"
     ),
     r"format|type": (
         "the ending of `trajopt plan --out` says the format; --as goal writes a ROS goal"

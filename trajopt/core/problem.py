@@ -15,6 +15,7 @@ from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.limits import Limits
+from trajopt.core.out_of_scope import out_of_scope
 from trajopt.core.route import Route
 from trajopt.core.tables import check_joint_names
 
@@ -52,7 +53,11 @@ class Problem:
         source: str = "",
         joint_names: Sequence[str] = (),
         joint_units: Sequence[str] = (),
+        **unknown: Any,
     ) -> None:
+        for key in unknown:
+            known = "waypoints, limits, name, source, joint_names and joint_units"
+            raise WrongType(f"Problem takes no {key}: {out_of_scope(key) or f'it has {known}'}")
         route = Route(waypoints)
         self.__dict__.update(
             route=route,

@@ -86,6 +86,7 @@ _OTHER_NAMES = {  # a URDF's
     "jerk": "max_jerk",
     "effort": "max_effort",
 }
+_READ = {f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "position")}
 _SOFT = ("k_position", "soft_lower_limit", "soft_upper_limit")
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
@@ -104,7 +105,7 @@ def read(path: str | Path) -> RobotLimits:
         limits = _limits(inner, str(path))
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
-    sentences = {out_of_scope(key): key for key in _limit_keys(inner)}
+    sentences = {out_of_scope(key): key for key in _limit_keys(inner) if key not in _READ}
     for sentence, key in sentences.items():
         if sentence:
             warnings.warn(FileNote(f"{path}: {key} is left out: {sentence}"), stacklevel=2)
@@ -123,7 +124,7 @@ def _unread(table: Any, inner: Mapping[str, Any]) -> Iterator[str]:
     while levels:
         where, own = levels.pop(0)
         for key, value in own.items() if isinstance(own, Mapping) else ():
-            if value is joints or out_of_scope(key):  # a line of its own
+            if value is joints or (key not in _READ and out_of_scope(key)):  # a line of its own
                 continue
             if isinstance(value, Mapping):
                 levels.append((f"{where}{key}.", value))

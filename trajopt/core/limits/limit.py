@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from trajopt.core.arrays import Array, Bools
-from trajopt.core.exceptions import UnknownName
+from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.core.out_of_scope import out_of_scope
 
 if TYPE_CHECKING:
     from trajopt.core.problem import Problem
@@ -173,7 +174,15 @@ def where(use: Use, problem: Problem) -> str:
 
 
 def named(key: str) -> type[Limit]:
-    """The kind of limit of a key; raises `UnknownName`."""
+    """The kind of limit of a key.
+
+    Raises:
+        InvalidInput: It is another tool's; the message says what comes nearest here.
+        UnknownName: There is none.
+    """
+    elsewhere = out_of_scope(key)
+    if key not in KINDS and elsewhere:
+        raise InvalidInput(f"limits.{key}", f"this left out: {elsewhere}")
     if key not in KINDS:
         raise UnknownName("kind of limit", key, KINDS)
     return KINDS[key]
