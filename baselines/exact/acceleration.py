@@ -68,7 +68,7 @@ class Exact(SeveralStarts):
         known = problem.without(*self.unknown(problem))
         return brief_steps.solved(problem, known, self._solved)
 
-    def _solved(self, problem: Problem) -> Solution:
+    def _solved(self, problem: Problem, _: Array | None) -> Solution:
         """The answer for waypoints that are all exact."""
         scaled = Passing(problem)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised

@@ -29,13 +29,18 @@ MISS = 0.25  # roundings of coordinates; a waypoint that is missed by more may b
 NEWTON_STEPS = 8
 
 
-def solved(problem: Problem, known: Problem, solve: Callable[[Problem], Solution]) -> Solution:
+Solve = Callable[[Problem, Array | None], Solution]
+
+
+def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     """Solve a problem, first without the waypoints that it may miss by rounding.
 
     Args:
         problem: Without consecutive identical waypoints.
         known: The problem without the limits that the answers ignore.
-        solve: Answers a problem all of whose waypoints are exact.
+        solve: Answers a problem all of whose waypoints are exact. Its second argument is a waypoint
+            that was left out of each segment, rad, `(segments, joints)`, not a number where none
+            was; or None.
 
     Returns:
         The answer of the shortest certified duration. Its message says by how much that is above
@@ -43,12 +48,13 @@ def solved(problem: Problem, known: Problem, solve: Callable[[Problem], Solution
     """
     missing = spared(problem)
     if not missing.any():
-        return solve(problem)
+        return solve(problem, None)
     relaxed = np.nan
     least = np.inf
     best = None
     for _ in range(MAX_ATTEMPTS):
-        solution = solve(replace(problem, waypoints=problem.waypoints[~missing]))
+        thinned = replace(problem, waypoints=problem.waypoints[~missing])
+        solution = solve(thinned, _middles(problem, missing))
         if solution.trajectory is None:
             break
         motion = _timed(problem, solution.trajectory, ~missing)
@@ -68,7 +74,7 @@ def solved(problem: Problem, known: Problem, solve: Callable[[Problem], Solution
             missing[own[missed[own].argmax()]] = False
     if best is not None and least <= relaxed * (1 + NEAR_RTOL):
         return best
-    whole = solve(problem)
+    whole = solve(problem, None)
     if best is None or whole.trajectory is None:
         return best or whole
     duration = _certified(known, whole.trajectory)
@@ -80,6 +86,14 @@ def solved(problem: Problem, known: Problem, solve: Callable[[Problem], Solution
     above = 100 * (least / relaxed - 1)
     said = f"{above:.2g} % above {relaxed:.6g} s, the best known without its tiny steps"
     return replace(best, message="; ".join(filter(None, [best.message, said])))
+
+
+def _middles(problem: Problem, missing: Bools) -> Array:
+    """The middle one of the waypoints that are missing in each segment, `(segments, joints)`."""
+    at = np.flatnonzero(~missing)
+    middles = (at[:-1] + at[1:]) // 2
+    is_missing = missing[middles]
+    return np.where(is_missing[:, None], problem.waypoints[middles], np.nan)
 
 
 def _certified(known: Problem, motion: Trajectory) -> float:

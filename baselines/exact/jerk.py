@@ -75,12 +75,13 @@ class ExactJerk(SeveralStarts):
         known = problem.without(*self.unknown(problem))
         return brief_steps.solved(problem, known, self._solved)
 
-    def _solved(self, problem: Problem) -> Solution:
+    def _solved(self, problem: Problem, left_out: Array | None) -> Solution:
         """The answer for waypoints that are all exact."""
         # late: planners that are only listed need none of it
         from baselines.exact.jerk_motion import Reachable
 
         scaled = Reachable(problem)
+        scaled.left_out = left_out
         solve: Callable[[Sequence[Array]], list[Optimum]] = partial(_minimised, scaled)
         if self.solver == "ipopt":
             from baselines.exact.jerk_by_ipopt import minimised

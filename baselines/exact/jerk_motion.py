@@ -46,11 +46,23 @@ LEAST_RTOL = 7e-6
 CLOSE_RTOL = 1e-2
 # Share of a jerk limit that the last place of a velocity may cost in a segment.
 BRIEF_USE = 1e-9
+# Of a segment with a waypoint left out: a joint of a smaller share of the largest step does not say
+# when it is passed; one with a smaller share of its reach as slack does not bend.
+LEAST_MOVE = 1e-2
+LEAST_SLACK = 1e-7
+LEADER_STEPS = 4
 TINY = 1e-300  # instead of dividing by 0
 
 
 class Reachable(Scaled):
-    """A problem without units, and the motions of its optima."""
+    """A problem without units, and the motions of its optima.
+
+    Attributes:
+        left_out: a waypoint that was left out of each segment, rad, `(segments, joints)`; not a
+            number where none was.
+    """
+
+    left_out: Array | None = None
 
     def trajectory(self, times: Array, states: Point) -> Trajectory:
         """The motion of an optimum.
@@ -64,7 +76,7 @@ class Reachable(Scaled):
         return self.motion(pieces, velocity)
 
 
-def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]:
+def _fitted(scaled: Reachable, times: Array, states: Point) -> tuple[Pieces, Array]:
     """The motion with the fewest breaks that suffice.
 
     Returns:
@@ -73,6 +85,8 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     """
     limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
+    if scaled.left_out is not None:
+        rows = _bent(rows, limits, scaled, scaled.left_out)
     profiles = _Profiles.of(rows, limits)
     starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
     signs = np.array([[-1.0], [1.0]])
@@ -161,6 +175,46 @@ class _Limits(NamedTuple):
         vanished = SETTLED_RTOL * ramp + ROUNDING
         jerky = slow > 0
         return cls(times, jerky, gained, ramp, vanished)
+
+
+def _bent(rows: Rows, limits: _Limits, scaled: Reachable, left_out: Array) -> Rows:
+    """The cells with states whose motion bends towards the waypoints that were left out.
+
+    In the brief segment of such a waypoint acceleration is constant. Joints with slack take the one
+    with which they pass it when the joint of least slack does, where the segments beside allow it.
+    """
+    *_, q_unit = scaled.units
+    passed = (left_out - scaled.problem.waypoints[:-1])[:, scaled.moving] / q_unit
+    for segment in np.flatnonzero(np.isfinite(passed[1:-1]).all(axis=1)) + 1:
+        ends = [segment - 1, segment]
+        beside = [segment - 1, segment + 1]
+        h = scaled.h[segment]
+        d = passed[segment]
+        t = rows.times[0, segment]
+        slack = rows.reach[:, 0, beside].min(axis=(0, 1)) / limits.gained[beside].min(axis=0)
+        moves = np.abs(h) > LEAST_MOVE * np.abs(h).max()
+        leader = int(np.where(moves, slack, np.inf).argmin())
+        bend = rows.point.acceleration[0, ends, leader].mean() * t**2 / 2
+        # h s + a t² s (s − 1)/2 = d
+        share = d[leader] / h[leader]
+        for _ in range(LEADER_STEPS):
+            share = (d[leader] - bend * share * (share - 1)) / h[leader]
+        wished = 2 * (d - h * share) / (t**2 * share * (share - 1))
+        follows = limits.jerky & (slack > LEAST_SLACK)
+        follows[leader] = False
+        velocity = rows.point.velocity.copy()
+        acceleration = rows.point.acceleration.copy()
+        turned = h / t + np.array([[-0.5], [0.5]]) * wished * t
+        velocity[0, ends] = np.where(follows, turned, velocity[0, ends])
+        acceleration[0, ends] = np.where(follows, wished, acceleration[0, ends])
+        after = _moved(rows, velocity, acceleration)
+        own = slice(segment - 1, segment + 2)
+        least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
+        fine = (after.reach >= least)[:, 0, own].all(axis=(0, 1))
+        velocity = np.where(fine, velocity, rows.point.velocity)
+        acceleration = np.where(fine, acceleration, rows.point.acceleration)
+        rows = _moved(rows, velocity, acceleration)
+    return rows
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:

@@ -28,6 +28,7 @@ from experiments.common.kept import Rows, apart, kept
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.core.arrays import Array
+from trajopt.judging import verification as judged
 from trajopt.planners.registry import named
 
 Mask = NDArray[np.bool_]
@@ -115,6 +116,8 @@ def relations(problem: Problem, seed: int) -> Checks:
         yield from jerky(problem, seed)
     else:
         yield from free(problem, able, seed)
+    if seed // 2 % 2:
+        yield from dense(problem, optimum, seed)
 
 
 def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
@@ -191,6 +194,46 @@ def free(problem: Problem, able: list[str], seed: int) -> Checks:
     if seed % 10 == 0:
         bound = certify(problem, time_limit=5.0)
         yield "proved bound <= exact", above(bound.lower_bound, exact), THEOREM
+
+
+def dense(problem: Problem, optimum: str, seed: int) -> Checks:
+    """Waypoints that are added on an optimal motion change nothing."""
+    trajectory, own = answer(optimum, problem)
+    if trajectory is None:
+        return
+    motion = judged.certified(problem, trajectory)
+    if motion is None:
+        return
+    denser, passed = with_added(problem, motion, seed)
+    _, again = certified(denser, passed)
+    yield f"judge: {optimum}'s motion, waypoints added", abs(above(again, own)), THEOREM
+    yield f"{optimum}: waypoints added", abs(above(duration(optimum, denser), own)), THEOREM
+    if seed % 10 == 3:
+        bound = certify(denser, time_limit=5.0)
+        yield "proved bound, waypoints added <= optimum", above(bound.lower_bound, own), THEOREM
+
+
+def with_added(problem: Problem, motion: Trajectory, seed: int) -> tuple[Problem, Trajectory]:
+    """The problem with up to eight more waypoints on a motion through it, and that motion.
+
+    They lie within a segment or beside either end, one after the other, 1e-9 to 1e-2 of the
+    segment's displacement apart or about that.
+    """
+    rng = np.random.default_rng([41, seed])
+    times = motion.waypoint_times
+    share = 10.0 ** rng.uniform(-9, -2) * np.arange(1, rng.integers(2, 10))
+    place = rng.choice(["start", "within", "end"])
+    # beside rest the displacement grows with the cube of the time, or its square
+    early = 0.5 * share ** (1 / 3 if problem.has("jerk") else 1 / 2)
+    segment = {"start": 0, "end": problem.segments - 1}.get(place, rng.integers(problem.segments))
+    first = rng.uniform(0.1, 0.9)
+    shares = {"start": early, "within": first + share, "end": 1 - early}[place]
+    start, end = times[segment : segment + 2]
+    added = np.sort(start + (end - start) * shares)
+    every = np.insert(times, segment + 1, added)
+    waypoints = np.insert(problem.waypoints, segment + 1, motion(added), axis=0)
+    denser = replace(problem, waypoints=waypoints)
+    return denser, replace(motion, waypoint_times=every)
 
 
 def retimed(problem: Problem, trajectory: Trajectory) -> float:
