@@ -56,6 +56,7 @@ THEOREM = 1e-6  # relative; tolerance of solvers
 SECTIONS = 1e-5  # relative; effect of dividing the states by 1 + 1e-6
 GRID = 5e-2  # relative; effect of 300 gridpoints
 STIFF = 1e5  # jerk over acceleration, 1/s
+LONG = 0.1  # share of the largest displacement
 TIMEOUT_S = 300.0  # for one problem
 
 
@@ -216,21 +217,21 @@ def dense(problem: Problem, optimum: str, seed: int) -> Checks:
 def with_added(problem: Problem, motion: Trajectory, seed: int) -> tuple[Problem, Trajectory]:
     """The problem with up to eight more waypoints on a motion through it, and that motion.
 
-    They lie within a segment or beside either end, one after the other, 1e-9 to 1e-2 of the
-    segment's displacement apart or about that.
+    They lie within one of its longer segments, or beside rest at its start or end, 1e-9 to 1e-2 of
+    the segment's displacement apart, or about that.
     """
     rng = np.random.default_rng([41, seed])
-    times = motion.waypoint_times
     share = 10.0 ** rng.uniform(-9, -2) * np.arange(1, rng.integers(2, 10))
-    place = rng.choice(["start", "within", "end"])
+    sizes = np.abs(problem.displacements / problem.largest_displacements).max(axis=1)
+    segment = int(rng.choice(np.flatnonzero(sizes > LONG)))
     # beside rest the displacement grows with the cube of the time, or its square
     early = 0.5 * share ** (1 / 3 if problem.has("jerk") else 1 / 2)
-    segment = {"start": 0, "end": problem.segments - 1}.get(place, rng.integers(problem.segments))
-    first = rng.uniform(0.1, 0.9)
-    shares = {"start": early, "within": first + share, "end": 1 - early}[place]
-    start, end = times[segment : segment + 2]
+    within = rng.uniform(0.1, 0.9) + share
+    ends = {0: early, problem.segments - 1: 1 - early}
+    shares = ends.get(segment, within) if rng.random() < 0.5 else within
+    start, end = motion.waypoint_times[segment : segment + 2]
     added = np.sort(start + (end - start) * shares)
-    every = np.insert(times, segment + 1, added)
+    every = np.insert(motion.waypoint_times, segment + 1, added)
     waypoints = np.insert(problem.waypoints, segment + 1, motion(added), axis=0)
     denser = replace(problem, waypoints=waypoints)
     return denser, replace(motion, waypoint_times=every)

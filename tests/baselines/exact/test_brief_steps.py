@@ -9,6 +9,7 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
+from trajopt.judging import verification as certificate
 from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
@@ -73,3 +74,19 @@ def test_position_limits_and_limits_of_one_side_change_nothing():
     clear = ExactJerk().solve(Problem([[0.0], [1.0]], one_sided)).trajectory.duration
     dense = Problem([[0.0], [0.5], [0.5 + 1e-6], [0.5 + 2e-6], [1.0]], one_sided)
     assert certified(ExactJerk(), dense) == pytest.approx(clear, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 8])
+@pytest.mark.parametrize("spacing", [1e-5, 1e-7])
+def test_joints_with_slack_bend_as_waypoints_on_an_optimum_want_it(seed, spacing):
+    """Three more waypoints on an arm's own optimum, so many seconds apart."""
+    rng = np.random.default_rng(seed)
+    joints = 3 + seed % 2
+    velocity = rng.uniform(0.5, 2, joints)
+    acceleration = velocity * rng.uniform(1, 10, joints)
+    limits = Limits(velocity, acceleration, jerk=10 * acceleration)
+    clear = Problem(rng.uniform(-2, 2, (3, joints)), limits)
+    motion = certificate.certified(clear, ExactJerk().solve(clear).trajectory)
+    times = 0.4 * motion.waypoint_times[1] + spacing * np.arange(3)
+    dense = Problem(np.insert(clear.waypoints, 1, motion(times), axis=0), limits)
+    assert certified(ExactJerk(), dense) == pytest.approx(motion.duration, rel=1e-6)
