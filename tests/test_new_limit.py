@@ -249,8 +249,8 @@ def test_it_is_drawn(problem, trial):
     assert "speed sum" in labels
     assert motions.motion(problem, trial.certified_trajectory).axes
     found = panel([trial], ["Knowing"], with_motions=True)
-    (name, unit, cells), (use,) = *found["others"], found["motions"][0]["uses"]
-    assert (name, unit, cells) == ("speed sum", "", ["0.8", "0.8", "none"])
+    (other,), (use,) = found["others"], found["motions"][0]["uses"]
+    assert other == ("speed sum", ["0.8", "0.8", "–"])
     assert use[0] == "speed sum"
     assert max(use[1]) == pytest.approx(1, abs=1e-3)
 

@@ -120,19 +120,11 @@ def save(figure: plt.Figure, file: Path) -> None:
 
 def limits_table(problem: Problem) -> str:
     """Return a row per joint with its limits, each with its unit."""
-    limits = problem.limits.by_name()
-    given = {kind: pairs for kind, pairs in limits.items() if np.isfinite(pairs).any()}
-    orders = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
+    kinds = problem.limits.kinds.values()
     rows = []
     for joint, name in enumerate(problem.joint_labels):
-        cells = [name]
-        for kind, pairs in given.items():
-            low, high = pairs[joint]
-            unit = problem.unit(joint, orders[kind])
-            span = f"± {number(high)}" if low == -high else f"{number(low)} … {number(high)}"
-            cells.append(f"{span} {unit}" if math.isfinite(high) or math.isfinite(low) else "–")
-        rows.append(cells)
-    return table(["joint", *given], rows)
+        rows.append([name, *(own.of_joint(joint, problem) for own in kinds)])
+    return table(["joint", *(own.name() for own in kinds)], rows)
 
 
 def waypoints_table(problem: Problem) -> str:

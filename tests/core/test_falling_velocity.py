@@ -191,6 +191,10 @@ def test_a_problem_file_states_it(tmp_path):
     file.write_text(problem.to_toml())
     assert Problem.from_toml(file) == problem
     assert "falling_velocity" not in problem.only([1]).limits.kinds
+    words = [own.of_joint(0, problem) for own in problem.limits.kinds.values()]
+    assert words[:2] == ["± 1.5708 rad/s", "± 3.14159 rad/s²"]
+    assert words[2] == "√(2 · 6.28319 · w) − 0.314159 rad/s, w to -2.61799 or 2.79253"
+    assert problem.limits.kinds["falling_velocity"].of_joint(1, problem) == "–"
 
 
 def test_the_fr3_s_own_numbers_are_libfranka_s():

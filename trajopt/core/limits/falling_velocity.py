@@ -185,6 +185,13 @@ class FallingVelocity(Limit):
             *(np.broadcast_to(values, shape) for values in of_each),
         )
 
+    def of_joint(self, joint: int, problem: Problem) -> str:
+        if not self.bounds[joint]:
+            return "–"
+        offset, deceleration, low, high = (f"{value:.6g}" for value in self.rows[joint])
+        unit = problem.unit(joint, 1)
+        return f"√(2 · {deceleration} · w) − {offset} {unit}, w to {low} or {high}"
+
     def unit(self, problem: Problem) -> str:
         units = [problem.shared_unit(order) for order in (1, 2, 0, 0)]
         return ", ".join(units)

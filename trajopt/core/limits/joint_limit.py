@@ -124,6 +124,14 @@ class JointLimit(Limit):
     def unit(self, problem: Problem) -> str:
         return problem.shared_unit(self.order)
 
+    def of_joint(self, joint: int, problem: Problem) -> str:
+        if not self.bounds[joint]:
+            return "–"
+        low, high = self.pairs[joint]
+        ends = [f"{end:.6g}" if np.isfinite(end) else "–" for end in (low, high)]
+        span = f"± {ends[1]}" if low == -high else " … ".join(ends)
+        return f"{span} {problem.unit(joint, self.order)}"
+
     @property
     def _zero(self) -> Array:
         """The values that use nothing of the low and of the high limit, `(joints, 2)`."""

@@ -154,6 +154,11 @@ class Limit(ABC):
         """The unit of its numbers; empty where they have several."""
         return ""
 
+    def of_joint(self, joint: int, problem: Problem) -> str:
+        """One joint's part of the limit, in words with units; a dash where it has none."""
+        row = [f"{value:.6g}" for value in self.numbers[joint]]
+        return " ".join([*row, self.unit(problem)]).strip() if self.bounds[joint] else "–"
+
     @classmethod
     def amount(cls, use: Use, problem: Problem) -> str:
         """How much is in use, in words."""

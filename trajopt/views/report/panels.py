@@ -47,7 +47,8 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
         "units": [[problem.unit(joint, n) for n in orders] for joint in range(problem.joints)],
         "limits": {name: getattr(problem.limits, name) for name in quantities},
         "others": [
-            (own.name(), own.unit(problem), _cells(own)) for own in _without_a_quantity(problem)
+            (own.name(), [own.of_joint(joint, problem) for joint in range(problem.joints)])
+            for own in _without_a_quantity(problem)
         ],
         "source": problem.source,
         "best": best,
@@ -77,12 +78,6 @@ def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
 def _without_a_quantity(problem: Problem) -> list[Limit]:
     """Limits that are no lines in the charts of positions and their derivatives."""
     return [own for key, own in problem.limits.kinds.items() if key not in QUANTITIES]
-
-
-def _cells(limit: Limit) -> list[str]:
-    """Each joint's numbers of a limit, as the page's table shows them."""
-    rows = [", ".join(f"{value:g}" for value in row) for row in limit.numbers]
-    return np.where(limit.bounds, rows, "none").tolist()
 
 
 def _uses(problem: Problem, trajectory: Trajectory, times: Array) -> Iterator[tuple[str, Array]]:

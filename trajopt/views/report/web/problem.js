@@ -99,7 +99,8 @@ const drawUse = (chart, note, found, motion) => {
 const limitTable = (found) => {
   const table = make("table", "", { class: "limits" }), head = make("tr"), scroll = make("div", "", { class: "scroll" });
   const limited = found.quantities.filter(([name]) => found.limits[name].some((pair) => pair.some((v) => v !== null)));
-  head.append(make("th", "joint"), ...[...limited, ...found.others].map(([name, unit]) => make("th", `${name} (${unit})`, { class: "n" })));
+  head.append(make("th", "joint"), ...limited.map(([name, unit]) => make("th", `${name} (${unit})`, { class: "n" })),
+    ...found.others.map(([name]) => make("th", name, { class: "n" })));
   table.append(make("thead"), make("tbody"));
   table.tHead.append(head);
   for (let j = 0; j < found.joints; j += 1) {
@@ -108,7 +109,7 @@ const limitTable = (found) => {
       const [low, high] = found.limits[name][j];
       const text = low === null && high === null ? "none" : low === -high ? `± ${value(high)}` : `${value(low)} to ${value(high)}`;
       return make("td", text, { class: "n" });
-    }), ...found.others.map(([, , cells]) => make("td", cells[j], { class: "n" })));
+    }), ...found.others.map(([, cells]) => make("td", cells[j], { class: "n" })));
     table.tBodies[0].append(row);
   }
   scroll.append(table);
