@@ -143,6 +143,8 @@ def test_a_lawful_log_is_kept_and_its_motion_stays_within_the_digits():
         assert found.limits[name].at_least <= used * (1 + 1e-9)
         assert found.limits[name].at_least <= found.limits[name].uses
     assert found.limits["acceleration"].spline > 5  # what the digits look like
+    whole, half = found.limits["velocity"].by_joint
+    assert (whole, half) == pytest.approx((0.5625, 0.28125), rel=1e-2)
 
 
 def test_a_log_that_is_cut_is_judged_all_the_same():

@@ -79,6 +79,7 @@ class Told:
         digits_alone: The half widths change a cubic spline by at most this share.
         window: The shortest window, s, in which no mean excess of 5 % can hide; or infinite.
         joint: The joint of `at_least`, counted from 0.
+        by_joint: `at_least` of each joint; None without such a limit.
     """
 
     at_least: float
@@ -87,6 +88,7 @@ class Told:
     digits_alone: float
     window: float
     joint: int
+    by_joint: tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
@@ -459,6 +461,7 @@ def _told(
                 digits_alone=float((worth / np.abs(bounds).min(axis=1)).max()),
                 window=_window(log.times, positions, half, bounds, order),
                 joint=least,
+                by_joint=tuple(own.get(name) for own in singles),
             ),
         )
 
