@@ -76,3 +76,27 @@ def test_a_message_holds_every_number_of_an_answer_exactly() -> None:
     (got,) = answer.unpacked(message, 1).solutions
     assert_same(got, whole)
     assert got.stats["counts"].dtype == stats["counts"].dtype
+
+
+@dataclass(frozen=True)
+class Verbose(Planner):
+    """Answers with a list of so many lists, or what its process sends is so many."""
+
+    lists: int = 0
+    sent: int = 0
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        if self.sent:
+            answer.packed = lambda _: b"[" + b"[]," * self.sent + b"[]]"
+        return Solution(Status.FAILED, message="no", stats={"x": [[]] * self.lists})
+
+
+@pytest.mark.parametrize("many", ["lists", "sent"])
+def test_an_answer_of_too_many_values_is_not_decoded(tmp_path: Path, many: str) -> None:
+    """Three bytes take a hundred times the memory when they are decoded."""
+    planner = Verbose(**{many: 2_100_000})
+    results = compare([PROBLEM], [("verbose", planner), "ruckig-stop"], tmp_path)
+    said = {trial.planner: (trial.status, trial.message) for trial in results.items}
+    assert said["verbose"][0] is Status.CRASHED
+    assert "its answer has more than 2000000 values" in said["verbose"][1]
+    assert said["exact"][0] is said["ruckig-stop"][0] is Status.SOLVED
