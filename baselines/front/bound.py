@@ -2,8 +2,8 @@
 
 The segment times of a duration are a simplex. It is bisected until every part's lower bound
 (`dual.py`) is close to the best motion found. Parts without active limits need the equations alone;
-the others get the limits that the best motion and some near it use. Of more than three segments the
-bound keeps four waypoints: without the others a motion is no less smooth.
+the others get the limits that the best motion and some near it use. A bound may keep some waypoints
+only: without the others a motion is no less smooth.
 """
 
 from __future__ import annotations
@@ -50,8 +50,9 @@ class FrontProof:
         steps: The tree of simplices, each before its parts, `(steps, 2)`: the corners of the edge
             that is halved, the part without the first one first; −1 for a part that the equations
             bound, −2 for one with costates.
-        costates: Of each part with costates, its corners, rows and joints that move, one after
-            another, in units of the duration and of radians or metres.
+        costates: Of the parts with costates those that are not 0, `(costates, 5)`: the part's
+            number among them, its corner, the row, the joint among those that move, and the value,
+            in units of the duration and of radians or metres.
     """
 
     kept: Array
@@ -110,6 +111,7 @@ def prove(
     within: float,
     deadline: float,
     times: Array | None = None,
+    kept: Indices | None = None,
 ) -> FrontBound:
     """Search for a proof that no motion of the duration has a smaller integral.
 
@@ -122,15 +124,17 @@ def prove(
         deadline: When to stop, by `time.perf_counter()`.
         times: Its segment times, relative, for the limits that it uses; without them no limit
             counts.
+        kept: The waypoints that are kept, by index; by default all. `value` and `times` are those
+            of the problem of these waypoints.
     """
-    kept = chosen_waypoints(problem, order)
+    if kept is None:
+        kept = np.arange(len(problem.waypoints))
     unit = duration or 1.0
     rows, s = problem_rows(problem, kept, order, duration)
     target = value * unit ** (2 * order - 1)
     full = rows.only(np.arange(rows.equations))
     if times is not None and duration is not None:
-        grouped = np.add.reduceat(times, kept[:-1])
-        full = _in_use(rows, grouped / grouped.sum())
+        full = _in_use(rows, times / times.sum())
     search = _Search(full, target * (1 - within))
     while search.open_simplices and time.perf_counter() < deadline:
         search.step(target)
@@ -313,6 +317,10 @@ class _Search:
 
     def costates(self, scale: Array) -> Array:
         """The costates of the leaves that have some, in the order of `steps`, joints unweighted."""
-        own = [self.leaves[k] for k in self._walk() if k not in self.splits]
-        tables = [np.ravel(y / scale) for y in own if y is not None]
-        return np.concatenate([np.zeros(0), *tables])
+        leaves = [self.leaves[k] for k in self._walk() if k not in self.splits]
+        own = [y / scale for y in leaves if y is not None]
+        if not own:
+            return np.zeros((0, 5))
+        places = np.argwhere(np.array(own))
+        values = np.array(own)[tuple(places.T)]
+        return np.column_stack([places, values])

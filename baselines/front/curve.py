@@ -8,16 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from baselines.front.bound import prove
-from baselines.front.least import Measure, least, without_limits
+from baselines.front.bound import FrontBound, chosen_waypoints, prove
+from baselines.front.least import Least, Measure, least, without_limits
 from baselines.lower_bound.incumbent import incumbent
+from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import FrontPoint
 
 # Relative distances of the bounds from the best motions that are close enough.
 _FREE_WITHIN = 2e-3
-_LIMITS_WITHIN = 5e-3
+LIMITS_WITHIN = 5e-3
+_ORDERS: dict[Measure, int] = {"jerk": 3, "acceleration": 2}
 _REFERENCE_SECONDS = 10.0
 # Times the shortest known duration, where no durations are asked for.
 _FACTORS = (1.05, 1.1, 1.2, 1.35, 1.5, 2.0, 3.0)
@@ -38,18 +40,15 @@ def front(
         InvalidInput: No motion of a duration is found, or no motion at all.
     """
     merged, index = problem.merged()
-    order = 3 if measure == "jerk" else 2
-    power = 2 * order - 1
+    power = 2 * _ORDERS[measure] - 1
     known = incumbent(merged, _REFERENCE_SECONDS)
     if durations is None:
         if known is None:
             raise InvalidInput("durations", "given: no motion that keeps every limit is known")
         durations = [factor * known.duration for factor in _FACTORS]
-    free = without_limits(merged, measure)
-    free_lower = 0.0
-    if free is not None and time_limit > 0:
-        deadline = time.perf_counter() + time_limit
-        free_lower = prove(merged, order, None, free, within=_FREE_WITHIN, deadline=deadline).lower
+    free = None
+    if time_limit > 0:
+        free = free_bound(merged, measure, time_limit)
     points = []
     for duration in durations:
         start = None if known is None else known.trajectory
@@ -59,19 +58,78 @@ def front(
             if known is not None:
                 right += f", the shortest known takes {known.duration:.6g} s"
             raise InvalidInput("durations", right, value=duration)
-        lower = free_lower / duration**power
-        if found.limits_act and time_limit > 0 and lower < found.value * (1 - _LIMITS_WITHIN):
-            bound = prove(
-                merged,
-                order,
-                duration,
-                found.value,
-                within=_LIMITS_WITHIN,
-                deadline=time.perf_counter() + time_limit,
-                times=np.diff(found.trajectory.waypoint_times),
-            )
+        lower = free.lower / duration**power if free is not None else 0.0
+        if found.limits_act and time_limit > 0 and lower < found.value * (1 - LIMITS_WITHIN):
+            bound = bound_with_limits(merged, measure, found, time_limit)
             lower = max(lower, bound.lower)
         passed = found.trajectory.waypoint_times[index]
         trajectory = replace(found.trajectory, waypoint_times=passed)
         points.append(FrontPoint(duration, found.value, lower or None, trajectory))
     return points
+
+
+def free_bound(problem: Problem, measure: Measure, time_limit: float) -> FrontBound:
+    """Prove a bound for 1 s without limits; divided by a power of the duration it serves all.
+
+    Of more than three segments four waypoints are kept. Where a segment is so short that its time
+    may be next to nothing, the bound without one of its waypoints is better.
+    """
+    deadline = time.perf_counter() + time_limit
+    kept = chosen_waypoints(problem, _ORDERS[measure])
+    best = _free_bound(problem, measure, kept, deadline if len(kept) == 2 else _halfway(deadline))
+    if best.closed:
+        return best
+    for dropped in range(1, len(kept) - 1):
+        other = _free_bound(problem, measure, np.delete(kept, dropped), deadline)
+        if other.lower > best.lower:
+            best = other
+    return best
+
+
+def bound_with_limits(
+    problem: Problem, measure: Measure, found: Least, time_limit: float
+) -> FrontBound:
+    """Prove a bound for the duration of a motion, with the limits that act in it."""
+    deadline = time.perf_counter() + time_limit
+    kept = chosen_waypoints(problem, _ORDERS[measure])
+    own: Least | None = found
+    if len(kept) < len(problem.waypoints):
+        own = least(_of(problem, kept), measure, found.duration, found.trajectory_of(kept))
+    if own is None or not own.limits_act:
+        own = found
+    times = np.diff(own.trajectory.waypoint_times)
+    if len(times) > len(kept) - 1:
+        times = np.diff(own.trajectory.waypoint_times[kept])
+    return prove(
+        problem,
+        _ORDERS[measure],
+        found.duration,
+        own.value,
+        within=LIMITS_WITHIN,
+        deadline=deadline,
+        times=times,
+        kept=kept,
+    )
+
+
+def _free_bound(problem: Problem, measure: Measure, kept: Indices, deadline: float) -> FrontBound:
+    value = without_limits(_of(problem, kept), measure) or 0.0
+    return prove(
+        problem,
+        _ORDERS[measure],
+        None,
+        value,
+        within=_FREE_WITHIN,
+        deadline=deadline,
+        kept=kept,
+    )
+
+
+def _halfway(deadline: float) -> float:
+    now = time.perf_counter()
+    return now + 0.5 * (deadline - now)
+
+
+def _of(problem: Problem, kept: Indices) -> Problem:
+    """The problem of some waypoints: a relaxation."""
+    return replace(problem, waypoints=problem.waypoints[kept])

@@ -9,7 +9,7 @@ in the same program. It is not convex in them: the answer is the best local opti
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -90,6 +90,11 @@ class Least:
     duration: float
     value: float
     limits_act: bool
+
+    def trajectory_of(self, kept: Indices) -> Trajectory:
+        """The motion as one of the problem of some waypoints, by index."""
+        passed = self.trajectory.waypoint_times[kept]
+        return replace(self.trajectory, waypoint_times=passed)
 
 
 def without_limits(problem: Problem, measure: Measure) -> float | None:

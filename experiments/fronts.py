@@ -1,0 +1,171 @@
+"""How smooth can the motions of ten problems be, proved with whole numbers?
+
+    python -m experiments.fronts --output data/fronts
+    python -m experiments.fronts --quick                  # one problem, five seconds a proof
+
+Writes a record a problem: the problem, its smoothest motions known, and proofs over all segment
+times. `docs/examples/best-known/check_front.py` checks a record with whole numbers only. What it
+proves is the record's lower bound. The table goes to standard output.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cyclopts
+import numpy as np
+
+from baselines.front.bound import FrontBound, FrontProof
+from baselines.front.curve import LIMITS_WITHIN, bound_with_limits, free_bound
+from baselines.front.least import Least, least
+from baselines.lower_bound.incumbent import incumbent
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.core.problem import Problem
+
+PROBLEMS = (
+    "six-axis",
+    "one-joint",
+    "asymmetric",
+    "reversal",
+    "repeated",
+    "resting-joint",
+    "tiny",
+    "random-zigzag-j3-w3-11",
+    "random-smooth-j3-w4-01",
+    "random-zigzag-j3-w4-04",
+)
+FACTORS = (1.2, 1.5, 2.0, 3.0)  # times the shortest duration known
+_POWER = 5  # of the duration, for jerk
+_DIGITS = 12  # of a costate: any costates prove a bound
+_SAFETY = 1 - 1e-12
+_SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "best-known" / "check_front.py"
+
+
+def checker() -> ModuleType:
+    """The script that checks a record."""
+    spec = importlib.util.spec_from_file_location("check_front", _SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def record(problem: Problem, seconds: float) -> dict[str, Any]:
+    """Return the record of a problem's front."""
+    merged, _ = problem.merged()
+    known = incumbent(merged, 10.0)
+    assert known is not None
+    proofs: list[dict[str, Any]] = []
+    stated = stated_problem(merged)
+    free = free_bound(merged, "jerk", seconds)
+    free_lower = added(proofs, stated, free)
+    points = []
+    for factor in FACTORS:
+        found = least(merged, "jerk", factor * known.duration, known.trajectory)
+        assert found is not None
+        lower, place = free_lower / found.duration**_POWER, 0
+        if found.limits_act and lower < found.value * (1 - LIMITS_WITHIN):
+            bound = bound_with_limits(merged, "jerk", found, seconds)
+            if bound.lower > lower:
+                lower, place = added(proofs, stated, bound), len(proofs) - 1
+        points.append(point(found, lower, place))
+    return {
+        "schema": "trajopt-front-1",
+        "problem": stated,
+        "measure": "jerk",
+        "points": points,
+        "proofs": proofs,
+    }
+
+
+def added(proofs: list[dict[str, Any]], stated: dict[str, Any], bound: FrontBound) -> float:
+    """Keep a proof, and return what the exact check says that it proves."""
+    proof = {name: table.tolist() for name, table in vars(shortened(bound.proof)).items()}
+    proofs.append(proof)
+    claim = Fraction(bound.lower)
+    exact = checker().proved(as_fractions(stated), claim, as_fractions(proof))
+    return float(exact) * _SAFETY
+
+
+def shortened(proof: FrontProof) -> FrontProof:
+    """The proof with short decimals for its costates."""
+    table = np.array(proof.costates)
+    if len(table):
+        table[:, 4] = [float(f"{value:.{_DIGITS}g}") for value in table[:, 4]]
+    return FrontProof(**{**vars(proof), "costates": table})
+
+
+def point(found: Least, lower: float, proof: int) -> dict[str, Any]:
+    """A point of a record."""
+    motion = found.trajectory
+    return {
+        "duration": found.duration,
+        "value": found.value,
+        "lower": lower,
+        "proof": proof,
+        "trajectory": {
+            "breaks": motion.breaks.tolist(),
+            "coefficients": motion.coefficients.tolist(),
+            "waypoint_times": motion.waypoint_times.tolist(),
+        },
+    }
+
+
+def stated_problem(problem: Problem) -> dict[str, Any]:
+    """The problem's numbers."""
+    limits = problem.limits
+    return {
+        "name": problem.name,
+        "digest": problem.digest(),
+        "waypoints": problem.waypoints.tolist(),
+        "limits": {
+            "velocity": limits.velocity.tolist(),
+            "acceleration": limits.acceleration.tolist(),
+        },
+        "joint_units": list(problem.joint_units),
+    }
+
+
+def as_fractions(value: Any) -> Any:
+    """Numbers as fractions, as the script reads them."""
+    if isinstance(value, dict):
+        return {key: as_fractions(own) for key, own in value.items()}
+    if isinstance(value, list):
+        return [as_fractions(own) for own in value]
+    return Fraction(value) if isinstance(value, float | int) else value
+
+
+def main(
+    output: Path = Path("fronts"),
+    problem: list[str] | None = None,
+    seconds: float = 60.0,
+    quick: bool = False,
+) -> None:
+    """Write the records.
+
+    Args:
+        output: Folder.
+        problem: Names; all ten by default.
+        seconds: For a proof.
+        quick: One problem, five seconds a proof.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    print("problem,duration,value,lower,gap_percent")
+    for name in ["one-joint"] if quick else problem or PROBLEMS:
+        found = record(load(name), 5.0 if quick else seconds)
+        path = output / f"{name}.json"
+        path.write_text(json.dumps(found, separators=(",", ":")) + "\n", encoding="utf-8")
+        for own in found["points"]:
+            gap = 100 * (1 - own["lower"] / own["value"])
+            cells = f"{own['duration']:.6g},{own['value']:.6g},{own['lower']:.6g},{gap:.2f}"
+            print(f"{name},{cells}", flush=True)
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
