@@ -318,7 +318,8 @@ trajopt claims {name}
 def claim_title(source: str, name: str) -> str:
     """Return who published it, when, and which problem of theirs it is."""
     found = re.match(r"(.*?\b(?:19|20)\d\d)\b", source)
-    return f"{found[1] if found else source}: {name}"
+    _, _, arm = name.partition("-")
+    return f"{found[1] if found else source}: {arm or name}"
 
 
 def claim_sentence(rows: list[dict[str, str]]) -> str:
@@ -344,7 +345,10 @@ def claim_picture(rows: list[dict[str, str]]) -> plt.Figure:
         "best known": float(best["best known s"]),
         "stopping at every waypoint": float(best["stopping s"]),
     }
-    published = {textwrap.shorten(row["method"], 45): float(row["published s"]) for row in rows}
+    published = {
+        textwrap.shorten(row["method"], 45, placeholder=" …"): float(row["published s"])
+        for row in rows
+    }
     colours = BAR | dict.fromkeys(published, "#D55E00")
     figure, axes = plt.subplots(figsize=(7, 0.4 * (3 + len(published)) + 0.6), layout="constrained")
     bars(axes, durations | published, colours)
@@ -396,10 +400,32 @@ WHOSE = {
 }
 
 
+# Options of every search, which no docstring explains.
+SHARED = {
+    "population": "candidates of an iteration",
+    "iterations": "iterations at most",
+    "evaluations": "candidates tried at most; without a number the iterations count",
+    "starts": "initial guesses at most; the best local optimum is the answer",
+    "agreeing": "initial guesses that must lead to the same optimum before the others are left out",
+    "tries": "settings that are tried, of which the shortest motion counts; 1 is the authors' own",
+}
+
+
+def meanings(name: str) -> str:
+    """Return the docstrings of a planner, of its optimiser, and of what they derive from."""
+    planner = entries()[name].load()
+    parts = [planner, planner.optimiser] if isinstance(planner, SwarmPlanner) else [planner]
+    general = {"Planner", "Optimiser"}
+    classes = [own for part in parts for own in type(part).__mro__ if own.__name__ not in general]
+    return "\n\n".join(inspect.getdoc(own) or "" for own in classes)
+
+
 def meaning_of(option: str, said: str) -> str:
-    """Return what a planner's docstring says of an option; empty where it says nothing."""
+    """Return what a planner's docstrings say of an option; empty where they say nothing."""
     items = re.findall(r"^- (.*?)(?=^- |^\n|\Z)", said, re.M | re.S)
-    found = next((item for item in items if f"`{option}`" in item), "")
+    sentences = re.findall(r"[A-Z`][^.]*`" + option + r"`[^.]*\.", said)
+    mentioned = [item for item in items if f"`{option}`" in item] + sentences
+    found = next(iter(mentioned), SHARED.get(option, ""))
     return " ".join(found.split()).rstrip(";.").replace("|", "\\|")
 
 
@@ -411,8 +437,9 @@ def planner_pages() -> None:
     for described in json.loads(printed("list", "--json"))["planners"]:
         name = described["name"]
         said = meaning(name)
+        inherited = meanings(name)
         options = [
-            [f"`{key}`", f"`{value!r}`", meaning_of(key, said)]
+            [f"`{key}`", f"`{value!r}`", meaning_of(key, inherited)]
             for key, value in described["options"].items()
         ]
         whose = WHOSE.get(name, "this toolkit")
