@@ -83,7 +83,7 @@ def test_verify_ends_with_1_where_something_does_not_hold(run, known):
     assert "Lower bounds: 1 proved again." in out
 
     def claim_more(table):
-        table["solution"]["lower_bound"] += 0.0001
+        table["solution"]["lower_bound"] += 0.00005
 
     known.write_bytes(forged(known.read_bytes(), claim_more))
     code, out, _ = run("verify", "--registry", "registry")
