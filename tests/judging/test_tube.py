@@ -225,3 +225,15 @@ def test_a_pulse_that_is_longer_than_the_window_shows(samples):
     found = evidence(log([q + pulse], 4), Limits([2], [limit]))
     assert found.verdict == "broken" or found.limits["acceleration"].window > length
     assert found.verdict != "kept" or samples < 10
+
+
+@pytest.mark.parametrize("length", [1e-13, 1e-6, 1e6])
+@pytest.mark.parametrize("size", [1e-15, 1.0, 1e9])
+@pytest.mark.parametrize("limit", [1e-6, 1.0, 1e12])
+def test_samples_of_any_size_get_an_answer(length, size, limit):
+    t = np.linspace(0, length, 24)
+    q = size * np.array([0, 1, 0, 1] * 6)[:, None]
+    found = evidence(Log(t, q, np.full(q.shape, 1e-3 * size)), Limits([limit], [limit], [limit]))
+    if found.verdict == "broken":
+        assert found.conviction.at_least > 1
+        assert found.conviction.at_least <= 2 * size / (t[1] * limit) * 1e30

@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from trajopt.core.arrays import Array
+from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.limits import LIMIT_ORDERS, LimitName, Limits
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
@@ -182,9 +183,7 @@ def evidence(
     singles = [own.singles() for own in joints]
     lows = [max(pair, key=lambda found: found.low) for pair in pairs]
     conviction = _conviction(joints, lows, singles)
-    motion = None
-    if all(np.isfinite(found.high) for found in chosen):
-        motion = _joined(chosen, log.times[[0, -1]])
+    motion = _joined(chosen, log.times[[0, -1]])
     told = dict(_told(log, limits, joints, singles, motion))
     verdict: Verdict = "cannot be told"
     if conviction is not None:
@@ -226,9 +225,8 @@ def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> 
             own[index] = time
             if best.high > 1 and (np.diff(own) > 0).all():
                 best = min(best, _through_all(joints, own, waypoints), key=lambda one: one.high)
-    if not np.isfinite(best.high):
-        return found
-    return replace(found, motion=_joined(best.joints, best.times))
+    motion = _joined(best.joints, best.times)
+    return found if motion is None else replace(found, motion=motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,17 +418,22 @@ def _conviction(
     return max(convictions, key=lambda own: own.at_least, default=None)
 
 
-def _joined(chosen: Sequence[Found], waypoint_times: Array) -> Trajectory:
-    """The joints' motions as one trajectory."""
+def _joined(chosen: Sequence[Found], waypoint_times: Array) -> Trajectory | None:
+    """The joints' motions as one trajectory; None where there is none, or none in floats."""
     from scipy.interpolate import PPoly
 
+    if not all(np.isfinite(found.high) for found in chosen):
+        return None
     pieces = []
     for found in chosen:
         own = PPoly.from_spline(found.spline())  # with empty pieces at both ends
         kept = np.diff(own.x) > 0
         breaks = np.append(own.x[:-1][kept], own.x[-1])
         pieces.append((breaks, own.c[:, kept]))
-    return Trajectory.joined(pieces, waypoint_times)
+    try:
+        return Trajectory.joined(pieces, waypoint_times)
+    except InvalidTrajectory:  # of times that differ by their rounding
+        return None
 
 
 def _told(

@@ -100,7 +100,8 @@ def tube(
     nearest = _NEAREST_SHARE * float(np.diff(times).min())
     best: Found | None = None
     for _ in range(rounds):
-        found = _solved(times, positions, half, limits, knots, rest)
+        with np.errstate(all="ignore"):
+            found = _solved(times, positions, half, limits, knots, rest)
         roots = found.proof.roots if found.proof else np.zeros(0)
         if best is not None:
             low = max(best, found, key=lambda own: own.low)
@@ -155,7 +156,7 @@ def _resolved(times: Array, half: Array, limits: Sequence[Limit]) -> Array:
     size = min(-limits[-1][0], limits[-1][1])
     apart = float((np.median(half) / size) ** (1 / r) / 3)
     step = float(np.median(np.diff(times)))
-    if apart < 2 * step:
+    if apart < 2 * step and len(times) > 2 * r:
         if r == 3 or apart >= step:
             return times
         return np.sort(np.concatenate([times, (times[1:] + times[:-1]) / 2]))
@@ -163,6 +164,8 @@ def _resolved(times: Array, half: Array, limits: Sequence[Limit]) -> Array:
     for time in times[1:-1]:
         if kept[-1] + apart <= time <= times[-1] - apart:
             kept.append(time)
+    if len(kept) < 2 * r:  # enough to be at rest at both ends
+        return np.linspace(times[0], times[-1], 2 * r)
     return np.array([*kept, times[-1]])
 
 
@@ -199,14 +202,22 @@ def _solved(
         shape = (len(column), column[-1] + 1)
         ones = np.ones(len(column))
         matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
-    rows = _Rows(matrix)
-    upper, lower = np.concatenate(up), np.concatenate(down)
+    filled = np.diff(matrix.indptr) > 0  # coefficients that are equal have no difference
+    rows = _Rows(matrix[filled])
+    upper, lower = np.concatenate(up)[filled], np.concatenate(down)[filled]
     limited = upper > 0
+    if not limited.any():
+        return Found(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     right = np.zeros((2, len(upper)))
     right[:, :count] = 1 + local / half, 1 - local / half
     # The initial guess follows the positions, and bends little.
-    x = rows.fitted(count, local / half, np.where(limited, 1e-6, 1.0))
-    x, y = _interior_point(rows, right.ravel(), np.concatenate([upper, lower]), x)
+    try:
+        x = rows.fitted(count, local / half, np.where(limited, 1e-6, 1.0))
+    except (np.linalg.LinAlgError, ValueError):  # beyond the range of floats
+        return Found(0.0, np.inf, r, knots, np.zeros(len(column)), None)
+    x, own_y = _interior_point(rows, right.ravel(), np.concatenate([upper, lower]), x)
+    y = np.zeros(len(filled))
+    y[filled] = own_y
 
     values = rows.matrix @ x
     high = float(np.max(np.maximum(values[limited], -values[limited] / lower[limited])))
@@ -415,7 +426,7 @@ def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, A
             break
         try:
             _, _, dw, dy = system.direction(-w * y)
-        except np.linalg.LinAlgError:  # not positive definite, by rounding
+        except (np.linalg.LinAlgError, ValueError):  # not positive definite, or overflows
             break
         affine = _dot(w + _longest(w, dw) * dw, y + _longest(y, dy) * dy) / size
         dx, ds, dw, dy = system.direction((affine / mu) ** 3 * mu - w * y - dw * dy)
