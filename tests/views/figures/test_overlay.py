@@ -35,7 +35,7 @@ def test_durations_and_the_ratio_are_said(figure):
     upper, lower = figure.axes
     said = [text.get_text() for text in upper.texts]
     assert said == ["exact\n2.50 s", "ruckig-stop\n3.00 s"]
-    assert "ruckig-stop takes 20.0 % more than the optimum" in upper.get_title(loc="left")
+    assert "ruckig-stop takes 20.0 % more than the optimum" in figure.get_suptitle()
     assert lower.lines[0].get_ydata().max() == pytest.approx(100, abs=0.1)
 
 

@@ -16,10 +16,13 @@ from trajopt.views.figures.plots import Look, Picture, planner_look, styled
 from trajopt.views.figures.sampling import curve
 from trajopt.views.figures.style import text
 
-WIDTH_IN = 7.2
-HEIGHT_IN = 4.8
-LABEL_LINE = 0.075  # of the upper panel's height
-LABEL_CHARACTER = 0.011  # of the panel's width, roughly a character's
+WIDTH_IN = 5.6  # narrow, so that its texts are legible on a phone
+HEIGHT_IN = 4.4
+LABEL_LINE = 0.09  # of the upper panel's height
+LABEL_CHARACTER = 0.0145  # of the panel's width, roughly a character's
+EQUAL_RTOL = 1e-3  # durations closer than this are said to be equal
+LABEL_SHIFT = 0.4  # of its width, by which a name may stand right of its motion's end
+FONT_PT = 9.5
 FULL = 105.0  # %, of the axis of used limits
 
 
@@ -78,10 +81,14 @@ def overlay(
     _name_ends(upper, ends)
     unit = "deg" if angular else problem.unit(joint)
     upper.set_ylabel(f"{problem.joint_labels[joint]} ({unit})")
-    lower.set_ylabel("hardest used limit (%)")
+    lower.set_ylabel("hardest used\nlimit (%)")
     lower.set_xlabel("time (s)")
     lower.set_ylim(0, FULL)
-    upper.set_title(text(title or _said(problem, motions)), loc="left", fontsize=9)
+    figure.suptitle(text(title or _said(problem, motions)), x=0.01, ha="left", fontsize=FONT_PT)
+    for axes in (upper, lower):
+        axes.tick_params(labelsize=FONT_PT - 1)
+        for label in (axes.xaxis.label, axes.yaxis.label):
+            label.set_fontsize(FONT_PT)
     return figure
 
 
@@ -96,16 +103,19 @@ def _said(problem: Problem, motions: Sequence[Motion]) -> str:
     durations = [motion.trajectory.duration for motion in motions]
     longest = int(np.argmax(durations))
     ratio = durations[longest] / min(durations)
+    if ratio <= 1 + EQUAL_RTOL:
+        return f"Same {len(problem.waypoints)} waypoints, same limits: all take as long"
     more = f"{ratio:.1f} times" if ratio > 1.5 else f"{100 * (ratio - 1):.1f} % more than"
     name = motions[longest].name
-    best = motions[int(np.argmin(durations))]
+    equal = durations[0] <= min(durations) * (1 + EQUAL_RTOL)
+    best = motions[0 if equal else int(np.argmin(durations))]
     shortest = "the optimum" if best.planner == "exact" else best.name
     waypoints = f"Same {len(problem.waypoints)} waypoints, same limits"
     return f"{waypoints}: {name} takes {more} {shortest}"
 
 
 def _name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Write each motion's name and duration below its end; names that would touch go lower."""
+    """Write each motion's name and duration below its end; names that would touch are moved."""
     low, high = axes.get_ylim()
     left, right = axes.get_xlim()
     rows: list[float] = []  # where each row of names ends, relative to the width
@@ -113,10 +123,12 @@ def _name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> Non
     for time, _, said, colour in sorted(ends):
         width = LABEL_CHARACTER * max(map(len, said.splitlines()))
         centre = min((time - left) / (right - left), 1 - width / 2)
-        row = next((i for i, end in enumerate(rows) if end < centre - width / 2), len(rows))
+        lefts = centre - width * (0.5 - LABEL_SHIFT)  # the farthest to the right that it may begin
+        row = next((i for i, end in enumerate(rows) if end < lefts), len(rows))
         if row == len(rows):
             rows.append(0.0)
-        rows[row] = centre + width / 2 + LABEL_CHARACTER
+        centre = max(centre, rows[row] + width / 2)
+        rows[row] = centre + width / 2 + 2 * LABEL_CHARACTER
         placed.append((centre, row, said, colour))
     needed = 2.2 * LABEL_LINE * len(rows)
     span = (high - low) / (1 - needed)
@@ -130,5 +142,12 @@ def _name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> Non
         if not falls:
             height = 1 - needed + 2.2 * LABEL_LINE * (len(rows) - row) - 0.02
         axes.text(
-            centre, height, said, color=colour, ha="center", va="top", transform=axes.transAxes
+            centre,
+            height,
+            said,
+            color=colour,
+            ha="center",
+            va="top",
+            fontsize=FONT_PT,
+            transform=axes.transAxes,
         )
