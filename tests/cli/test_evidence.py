@@ -202,3 +202,15 @@ def test_a_log_that_misses_a_waypoint_is_no_answer_to_the_problem(run):
     assert "log.csv on p: kept, as far as 4 decimals at 500 Hz can tell; not feasible" in text
     assert "misses the waypoint by 0.28 rad" in text
     assert "straight lines" not in text
+
+
+def test_a_sensor_s_steps_are_said(run):
+    t, q = quintic(200)
+    steps = np.round(q / 0.002) * 0.002
+    rows = [f"{a!r},{b:.6f},{c:.6f}" for a, (b, c) in zip(t.tolist(), steps, strict=True)]
+    Path("log.csv").write_text("time [s],q1 [rad],q2 [rad]\n" + "\n".join(rows))
+    limits()
+    code, out, _ = run("verify log.csv --limits l.yaml --window 0.3")
+    assert code == 0
+    assert "kept, as far as" in out
+    assert "comes in steps of 0.002 rad, coarser than its digits" in " ".join(out.split())

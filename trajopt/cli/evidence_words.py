@@ -53,6 +53,15 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
         )
     else:
         yield f"A motion within the {within} keeps the limits. {_hidden(found)}"
+    step = 2 * np.median(found.log.half_digits, axis=0)
+    coarse = np.flatnonzero(step > 2 * 10.0 ** -np.array(found.log.decimals, dtype=float))
+    if len(coarse):
+        joint = int(coarse[np.argmax(step[coarse])])
+        unit = execution.problem.unit(joint)
+        yield (
+            f"{execution.problem.joint_labels[joint]} comes in steps of {step[joint]:.2g} {unit}, "
+            "coarser than its digits: the steps count."
+        )
     if found.log.time_half_digit:
         yield (
             f"The times are rounded: each sample may be {found.log.time_half_digit:.2g} s earlier "
