@@ -35,6 +35,7 @@ def test_the_first_sentence_says_how_far_above_the_proved_optimum(page, one):
 
 
 def test_one_problem_has_no_profile_and_no_shares(page):
+    assert '<body class="single">' in page
     for name in ("planners", "paired"):
         assert re.search(rf'id="{name}" hidden', page)
     assert 'id="durations"' in page
