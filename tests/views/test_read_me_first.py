@@ -34,7 +34,8 @@ def test_a_table_has_a_line_per_problem_and_planner(trials):
 def test_figures_are_files_in_a_folder_per_problem(trials, tmp_path):
     files = draw.draw(trials, tmp_path)
     names = [file.relative_to(tmp_path).as_posix() for file in files]
-    assert names == ["one-joint/durations.png", "one-joint/motion-unoptimised.png"]
+    stems = ("durations", "overlay", "motion-unoptimised")
+    assert names == [f"one-joint/{stem}.png" for stem in stems]
 
 
 def test_a_report_is_one_page_that_opens_offline(trials, tmp_path):
