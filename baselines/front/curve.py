@@ -80,7 +80,10 @@ def free_bound(problem: Problem, measure: Measure, time_limit: float) -> FrontBo
     if best.closed:
         return best
     for dropped in range(1, len(kept) - 1):
-        other = _free_bound(problem, measure, np.delete(kept, dropped), deadline)
+        fewer = np.delete(kept, dropped)
+        if len(_of(problem, fewer).merged()[1]) > _of(problem, fewer).merged()[1].max() + 1:
+            continue  # the waypoints before and after it are the same: little is left to ask
+        other = _free_bound(problem, measure, fewer, deadline)
         if other.lower > best.lower:
             best = other
     return best

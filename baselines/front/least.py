@@ -44,6 +44,8 @@ _ACTIVE_RTOL = 1e-4
 _SLACK_RTOL = 1e-9
 # Shortest segment, relative to equal ones.
 _SHORTEST_SHARE = 1e-4
+# Shortest way that a segment's first time is chosen by, relative to the longest.
+_SHORTEST_WAY = 1e-6
 
 
 class Spline(NamedTuple):
@@ -232,6 +234,7 @@ class _Task:
             yield np.ones(1)
             return
         ways = np.abs(np.diff(self.q, axis=0)).max(axis=1)
+        ways = np.maximum(ways, _SHORTEST_WAY * ways.max())
         for power in (0.3, 0.7):
             times = ways**power
             yield count * times / times.sum()

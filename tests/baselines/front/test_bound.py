@@ -113,3 +113,11 @@ def test_python_and_its_errors():
             trajopt.front("one-joint", durations=wrong)
     with pytest.raises(InvalidInput, match="the shortest known takes 2 s"):
         trajopt.front("one-joint", durations=[1.5])
+
+
+def test_there_and_back_again_drops_no_waypoint_between_two_that_are_the_same():
+    """Without it two waypoints in a row were one, and the program's start was no number."""
+    problem = Problem([[0.0], [1.0], [0.0], [1.0]], Limits([1.0], [2.0]))
+    (point,) = trajopt.front(problem, durations=[8.0], time_limit=1.0).points
+    assert point.lower is not None
+    assert point.lower <= point.value
