@@ -396,6 +396,9 @@ WHOSE = {
     "copp": "the authors of COPP",
     "drake-kto": "the authors of Drake",
     "minsnap": "D. Mellinger and V. Kumar (2011), in minsnap_trajectories",
+    "mealpy": "the authors of mealpy, and of each optimiser in it",
+    "pymoo": "the authors of pymoo, and of each optimiser in it",
+    "nevergrad": "the authors of nevergrad, and of each optimiser in it",
     "totg": "T. Kunz and M. Stilman (2012), in Tesseract",
 }
 
