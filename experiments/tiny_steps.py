@@ -1,6 +1,7 @@
 """How far above the optimum do tiny steps in line end, and how long do they take?
 
-    python -m experiments.tiny_steps    # 288 problems, a minute
+    python -m experiments.tiny_steps            # 288 problems, a minute
+    python -m experiments.tiny_steps --quick    # one joint and one jerk limit
 
 Straight ways of 1 rad whose optimum is known in closed form, with tiny steps at a third and in the
 middle of the way, at its start and at its end. One joint or three on a line, jerk limits of 1, 10
@@ -69,8 +70,11 @@ def main(
     joints: tuple[int, ...] = (1, 3),
     stiffnesses: tuple[float, ...] = STIFFNESSES,
     output: Path = Path("results/tiny-steps"),
+    quick: bool = False,
 ) -> None:
-    """Solve every problem, write the table and print it."""
+    """Solve every problem, or those of one joint and one jerk limit if `quick`; print the table."""
+    if quick:
+        joints, stiffnesses = joints[:1], stiffnesses[:1]
     rows = []
     for size in SIZES:
         row: dict[str, object] = {"step over way": size}
