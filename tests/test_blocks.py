@@ -77,6 +77,7 @@ def folder(tmp_path, monkeypatch, finished):
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     shutil.copytree(DOCS / "examples" / "motions", tmp_path, dirs_exist_ok=True)
     shutil.copy("arm.toml", "my-robot.toml")
+    shutil.copy("joint_limits.yaml", "my_limits.yaml")
     for name in ("ur5e.urdf", "robot.urdf", "r.urdf"):
         shutil.copy(DOCS / "examples" / "ur5e" / "ur5e.urdf", name)
     shutil.copy(DOCS / "gallery" / "plot_5_wrap_toppra.py", "wrap_toppra.py")

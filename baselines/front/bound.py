@@ -26,6 +26,7 @@ from trajopt.judging.smoothness import weights
 MAX_SEGMENTS = 3
 # Instants of each segment at which limits may be asked: dyadic shares are exact.
 _INSTANTS = 32
+SHORTEST_EDGE = 1e-4  # relative to the segment times: a simplex below it is not halved
 _BATCH = 64
 # Choices of waypoints that are compared, at most.
 _MAX_CHOICES = 60
@@ -148,7 +149,7 @@ def prove(
         costates=search.costates(s),
     )
     lower = search.lower() / unit ** (2 * order - 1)
-    return FrontBound(max(lower, 0.0), len(search.bounds), not search.open_simplices, proof)
+    return FrontBound(max(lower, 0.0), len(search.bounds), search.lower() >= search.target, proof)
 
 
 def chosen_waypoints(problem: Problem, order: int) -> Indices:
@@ -266,7 +267,10 @@ class _Search:
         return added
 
     def step(self, near: float) -> None:
-        """Halve the edge of the worst simplices that is longest beside the segment times."""
+        """Halve the edge of the worst simplices that is longest beside the segment times.
+
+        A simplex whose edges are all short is left as it is: its bound hardly changes any more.
+        """
         if self.rows.segments == 1:
             self.open_simplices.clear()
             return
@@ -279,6 +283,11 @@ class _Search:
         lengths = (edges / corners.mean(axis=1)[:, None, None]).sum(-1)
         longest = lengths.reshape(len(corners), -1).argmax(axis=1)
         i, j = np.divmod(longest, count)
+        wide = lengths[np.arange(len(corners)), i, j] > SHORTEST_EDGE
+        worst = [k for k, one in zip(worst, wide, strict=True) if one]
+        if not worst:
+            return
+        corners, i, j = corners[wide], i[wide], j[wide]
         each = np.arange(len(corners))
         middle = 0.5 * (corners[each, i] + corners[each, j])
         first, second = corners.copy(), corners.copy()
