@@ -40,7 +40,7 @@ _MAX_PIECES = 400
 _GAIN_RTOL = 1e-4
 # Bernstein coefficients so close to their limit, relative to it, are at the limit.
 _ACTIVE_RTOL = 1e-4
-# Limits are kept with so much slack, relative: IPOPT's own tolerance.
+# Relative slack by which limits are kept: IPOPT's own tolerance.
 _SLACK_RTOL = 1e-9
 # Shortest segment, relative to equal ones.
 _SHORTEST_SHARE = 1e-4

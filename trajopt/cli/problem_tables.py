@@ -74,9 +74,10 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
         sentences.append(table_cells.reference(first))
     if readings:
         sentences.append(f"Reading of the paper: {readings}.")
+    slowed = any(table_cells.of_summary(one)["dilation"] != table_cells.MISSING for one in lines)
+    dilated = "; × 1.33: the others must be slowed by this (median)" if slowed else ""
     sentences.append(
-        "Kept: share of runs within every limit as claimed; × 1.33: the others must be\n"
-        "slowed by this (median). ∫jerk²: of the certified motion, all joints together,\n"
-        "SI units; ∞ where acceleration jumps."
+        f"Kept: share of runs within every limit as claimed{dilated}. ∫jerk²: of the certified "
+        "motion, all joints together, SI units; ∞ where acceleration jumps."
     )
     return "\n".join(sentences)

@@ -1,4 +1,4 @@
-"""What the samples of a log tell about limits: broken, kept, or not to be told.
+"""Tell from the samples of a log whether limits are broken, kept, or cannot be told.
 
 A log has digits, rounded times and noise. So a position is known within a half width. There may be
 a motion within these half widths that keeps the limits (`trajopt.judging.tube`), or a proof that
@@ -272,7 +272,7 @@ class _Joint:
 
     @property
     def beyond(self) -> Array:
-        """How far each sample is outside of the position limits at least, rad."""
+        """Return the least distance of each sample beyond the position limits, rad."""
         low, high = self.range
         return np.maximum(low - self.positions, self.positions - high) - self.digits
 
@@ -320,7 +320,7 @@ class _Joint:
         return self.times, centre, np.where(fits, (highest - lowest) / 2, half)
 
     def _hits(self, found: Found) -> bool:
-        """Whether the motion is within the digits at some time within each rounded time."""
+        """Return whether the motion meets each sample at some time that rounds to its stamp."""
         ends = self.times[[0, -1]]
         shifted = self.times + self.shift * np.array([[-1.0], [0.0], [1.0]])
         passed = found.spline()(np.clip(shifted, *ends))

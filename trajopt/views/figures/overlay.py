@@ -18,10 +18,10 @@ from trajopt.views.figures.style import text
 
 WIDTH_IN = 5.6  # narrow, so that its texts are legible on a phone
 HEIGHT_IN = 4.4
-LABEL_LINE = 0.09  # of the upper panel's height
-LABEL_CHARACTER = 0.0145  # of the panel's width, roughly a character's
+LABEL_LINE = 0.09  # height of a line of a label, share of the upper panel's height
+LABEL_CHARACTER = 0.0145  # width of a character, roughly, share of the panel's width
 EQUAL_RTOL = 1e-3  # durations closer than this are said to be equal
-LABEL_SHIFT = 0.4  # of its width, by which a name may stand right of its motion's end
+LABEL_SHIFT = 0.4  # share of a label's width by which it may stand right of its motion's end
 FONT_PT = 9.5
 FULL = 105.0  # %, of the axis of used limits
 
