@@ -1,4 +1,4 @@
-"""IPOPT through CasADi, as every planner that uses it does: options, one run, several starts.
+"""IPOPT through CasADi, as every planner that uses it does: options and one run.
 
 A program's variables, parameters and constraints are tables (segments × joints, say). CasADi wants
 vectors: all tables one after another, each column by column. `program` and `flat` keep to that
@@ -7,10 +7,9 @@ order, for symbols and for numbers; `unflat` leads back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 
 Options = Mapping[str, float | str]
 Bounds = tuple[Array | float, Array | float]  # low, high
-
-# Two local optima whose durations differ by no more are one: both are IPOPT's to its tolerance.
-AGREEMENT_RTOL = 1e-9
 
 _QUIET: Options = {"print_level": 0, "sb": "yes"}
 
@@ -131,61 +127,3 @@ def unflat(x: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
         tables.append(x[begin:end].reshape(shape, order="F"))
         begin = end
     return tables
-
-
-class Timed(Protocol):
-    """What one start led to."""
-
-    @property
-    def duration(self) -> float:
-        """Infinite where there is no answer."""
-
-
-Start = TypeVar("Start")
-TimedT = TypeVar("TimedT", bound=Timed)
-
-
-def optima_together(
-    solve: Callable[[Sequence[Start]], Sequence[TimedT]],
-    starts: Iterable[Start],
-    count: int,
-    agreeing: int,
-    rtol: float = AGREEMENT_RTOL,
-) -> list[TimedT]:
-    """Local optima: of `count` starts, of fewer that agree, of more while none has succeeded.
-
-    Args:
-        solve: leads from some starts to a local optimum each: from as many as are missing for
-            agreement.
-        starts: where to start from, in order.
-        count: no more starts than these, unless all of them fail.
-        agreeing: no more starts once so many share the shortest duration.
-        rtol: what durations may differ by and count as one, relative.
-
-    Returns:
-        The optima in the order of their starts.
-    """
-    results: list[TimedT] = []
-    remaining = iter(starts)
-    while True:
-        durations = np.array([result.duration for result in results])
-        shortest = durations.min(initial=np.inf)
-        as_short = durations <= shortest * (1 + rtol)
-        agreed = 0
-        if shortest < np.inf:
-            agreed = int(as_short.sum())
-        missing = agreeing - agreed
-        untried = count - len(results)
-        if agreed > 0 and min(missing, untried) <= 0:
-            return results
-        wanted = min(missing, max(untried, 1))
-        batch = list(islice(remaining, wanted))
-        if not batch:
-            return results
-        results += solve(batch)
-
-
-def no_start_succeeded(statuses: Iterable[str]) -> str:
-    """The message of a planner whose starts have all failed."""
-    different = sorted(set(statuses))
-    return f"no start succeeded: {', '.join(different)}"

@@ -23,7 +23,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from baselines.ipopt import Program, flat, no_start_succeeded, program, unflat
+from baselines.ipopt import Program, flat, program, unflat
+from baselines.several_starts import no_start_succeeded
 from baselines.sizes import announce, cells
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices

@@ -21,11 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.collocation.uniform import Grid, Nodes, transcription
-from baselines.exact import one_sided_jerk
-from baselines.exact.acceleration import Exact, starting_points
-from baselines.exact.jerk import ExactJerk
-from baselines.exact.scaled import Scaled
-from baselines.ipopt import no_start_succeeded, optima_together
+from baselines.exact.acceleration.planner import Exact, starting_points
+from baselines.exact.jerk import ExactJerk, one_sided
+from baselines.exact.method.scaled import Scaled
+from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES
@@ -80,7 +79,7 @@ class CollocationRefined(Planner):
                 raise InvalidInput(name, "at least 1", value=getattr(self, name))
 
     def unsupported(self, problem: Problem) -> str | None:
-        return one_sided_jerk.unsupported(problem)
+        return one_sided.unsupported(problem)
 
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.exact import one_sided_jerk
+from baselines.exact.jerk import one_sided
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
@@ -79,7 +79,7 @@ class Collocation(Planner):
             raise InvalidInput("intervals", "at least 2 per segment", value=self.intervals)
 
     def unsupported(self, problem: Problem) -> str | None:
-        return one_sided_jerk.unsupported(problem)
+        return one_sided.unsupported(problem)
 
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

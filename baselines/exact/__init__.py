@@ -1,13 +1,8 @@
 """Exact minimum times, without discretisation: the planners `exact` and `exact-jerk`.
 
-In reading order:
+Two programs, and the method that solves both. In reading order:
 
-- `several_starts`: what both planners share, the best of several local optima.
-- `scaled`: a problem without units.
-- `acceleration`, `acceleration_profiles`, `cells`, `newton_step`: velocity and acceleration limits.
-- `jerk`, `jerk_profiles`, `jerk_cells`: jerk limits too.
-- `interior_point`, `chain`, `crossover`: the method of both, its Newton steps, active limits.
-- `acceleration_motion`, `jerk_motion`, `segments`, `pieces`: the motion of an optimum.
-- `by_ipopt`, `jerk_by_ipopt`: the optima of sections 3 and 4 by IPOPT, an independent check.
-- `one_sided_jerk`: why limits of jerk on one side only have no optimum.
+- `acceleration`: velocity and acceleration limits; the planner `exact`.
+- `jerk`: jerk limits too; the planner `exact-jerk`.
+- `method`: what both share: the interior-point method, active limits, the motion of an optimum.
 """

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
-import pytest
 
-from baselines.ipopt import flat, no_start_succeeded, optima_together, program, unflat
+from baselines.ipopt import flat, program, unflat
 
 
 def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
@@ -48,46 +44,3 @@ def test_flat_is_the_order_of_casadi_and_unflat_leads_back() -> None:
     np.testing.assert_array_equal(vector, np.asarray(casadi).ravel())
     for table, back in zip(tables, unflat(vector, [(2, 3), (2,)]), strict=True):
         np.testing.assert_array_equal(back, table)
-
-
-@dataclass(frozen=True)
-class Ended:
-    duration: float
-
-
-@pytest.mark.parametrize(
-    ("durations", "solved"),
-    [
-        ([1.0, 2.0, 3.0, 4.0], 3),  # as many as asked for
-        ([np.inf, 2.0, 3.0, 4.0], 3),
-        ([np.inf, np.inf, np.inf, 4.0, 5.0], 4),  # more while none has succeeded
-        ([np.inf, np.inf, np.inf, np.inf], 4),
-        ([2.0, 2.0 + 1e-9, 1.0], 2),  # two agree
-        ([2.0, 2.0 + 1e-8, 1.0, 1.0], 3),
-        ([2.0, 1.0, 2.0, 1.0], 3),  # on the best so far, not on another
-    ],
-)
-def test_several_starts_and_more_while_all_fail(durations: list[float], solved: int) -> None:
-    batches = []
-
-    def solve(starts: Sequence[float]) -> list[Ended]:
-        batches.append(len(starts))
-        return [Ended(duration) for duration in starts]
-
-    assert len(optima_together(solve, durations, count=3, agreeing=2)) == solved
-    assert batches[0] == 2
-
-
-def test_the_message_names_every_status_once() -> None:
-    message = no_start_succeeded(["Infeasible", "Diverged", "Infeasible"])
-    assert message == "no start succeeded: Diverged, Infeasible"
-
-
-def test_what_agrees_is_the_callers_to_say() -> None:
-    durations = [2.0, 2.0 + 1e-6, 2.0]
-
-    def solve(starts: Sequence[float]) -> list[Ended]:
-        return [Ended(duration) for duration in starts]
-
-    assert len(optima_together(solve, durations, count=3, agreeing=2)) == 3
-    assert len(optima_together(solve, durations, count=3, agreeing=2, rtol=1e-5)) == 2

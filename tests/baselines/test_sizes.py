@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.collocation import refined, uniform
-from baselines.exact import acceleration, jerk
+from baselines.exact.acceleration import planner as exact
+from baselines.exact.jerk import planner as exact_jerk
 from trajopt import Limits, Problem
 from trajopt.planners.planner import Planner
 
@@ -28,15 +29,15 @@ def stop_at_the_solver(monkeypatch):
 
     monkeypatch.setattr(uniform, "transcription", begun)
     monkeypatch.setattr(refined, "transcription", begun)
-    monkeypatch.setattr(acceleration, "_minimised", begun)
-    monkeypatch.setattr(jerk, "_minimised", begun)
+    monkeypatch.setattr(exact, "_minimised", begun)
+    monkeypatch.setattr(exact_jerk, "_minimised", begun)
 
 
 PLANNERS = [
     ("collocation", uniform.Collocation()),
     ("collocation-refined", refined.CollocationRefined()),
-    ("exact", acceleration.Exact()),
-    ("exact-jerk", jerk.ExactJerk()),
+    ("exact", exact.Exact()),
+    ("exact-jerk", exact_jerk.ExactJerk()),
 ]
 
 # 2000 waypoints of 7 joints are a matter of seconds for `exact` and `exact-jerk`.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baselines.collocation.uniform import Collocation
-from baselines.exact import interior_point
+from baselines.exact.method import interior_point
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop, RuckigVia, section

@@ -17,6 +17,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baselines.exact.method.chain import at_ends
 from trajopt.core.arrays import Array
 
 START_BARRIER = 0.1
@@ -29,7 +30,7 @@ _SIDES = _SIGNS.reshape(2, 1, 1, 1)
 
 
 class Scaled(Protocol):
-    """A problem without units: see `exact.acceleration.Scaled`."""
+    """A problem without units: see `exact.method.scaled`."""
 
     h: Array
     v: Array
@@ -59,26 +60,6 @@ class Point(NamedTuple):
     def peaks(self) -> Array:
         """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
         return self.inner[1]
-
-
-def at_ends(velocity: Array) -> Array:
-    """Waypoint velocities at the start and the end of each segment, the motion's ends at rest."""
-    starts, inner, joints = velocity.shape
-    segments = inner + 1
-    shape = (2, starts, segments, joints)
-    ends = np.zeros(shape)
-    first, last = ends
-    first[:, 1:] = velocity
-    last[:, :-1] = velocity
-    return ends
-
-
-def with_rest(inner: Array) -> Array:
-    """Values at the inner waypoints, zeros at the motion's ends, `(segments + 1, joints)`."""
-    waypoints, joints = inner.shape
-    ends = np.zeros((waypoints + 2, joints))  # in place of `np.pad`, 50 us slower
-    ends[1:-1] = inner
-    return ends
 
 
 def both_sides(ends: Array) -> Array:

@@ -21,11 +21,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.cells import at_ends, with_rest
-from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.pieces import Pieces, quotient, summed
-from baselines.exact.scaled import BRIEF_PIECE_S, Scaled
-from baselines.exact.segments import MOST, Segments
+from baselines.exact.jerk.cells import FLIPS, Cells, Point, Rows
+from baselines.exact.method.chain import at_ends, with_rest
+from baselines.exact.method.pieces import Pieces, quotient, summed
+from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
+from baselines.exact.method.segments import MOST, Segments
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 

@@ -1,7 +1,7 @@
 """The inequalities of the program of `exact.acceleration`, and its Newton steps.
 
-A cell depends on one segment time and on two waypoint velocities (`exact.cells`). A step eliminates
-its two peaks in closed form; `exact.chain` solves for the rest.
+A cell depends on one segment time and on two waypoint velocities (`exact.acceleration.cells`). A
+step eliminates its two peaks in closed form; `exact.method.chain` solves for the rest.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.exact.cells import START_BARRIER, Cells, Point, at_ends, both_sides
-from baselines.exact.chain import Chain, Links
-from baselines.exact.interior_point import chosen, moved
+from baselines.exact.acceleration.cells import START_BARRIER, Cells, Point, both_sides
+from baselines.exact.method.chain import Chain, Links, at_ends
+from baselines.exact.method.interior_point import chosen, moved
 from trajopt.core.arrays import Array, Bools
 
 

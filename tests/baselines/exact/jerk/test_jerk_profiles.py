@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from baselines.exact.jerk_profiles import Limits, Profiles
+from baselines.exact.jerk.profiles import Limits, Profiles
 
 Array = NDArray[np.float64]
 

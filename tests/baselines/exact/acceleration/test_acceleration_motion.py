@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
-from baselines.exact.acceleration_motion import Task, pieces
-from baselines.exact.acceleration_profiles import extremes, gentlest, straightest
+from baselines.exact.acceleration.motion import Task, pieces
+from baselines.exact.acceleration.profiles import extremes, gentlest, straightest
 from experiments.common.brief_pieces import needless
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load

@@ -7,14 +7,14 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from baselines.exact import interior_point
-from baselines.exact.acceleration import Exact, Passing, starting_points
-from baselines.exact.cells import Cells
-from baselines.exact.jerk_cells import Cells as JerkCells
-from baselines.exact.jerk_cells import Point
-from baselines.exact.jerk_cells import Rows as JerkRows
-from baselines.exact.newton_step import Rows
-from baselines.exact.scaled import Scaled
+from baselines.exact.method import interior_point
+from baselines.exact.acceleration.planner import Exact, Passing, starting_points
+from baselines.exact.acceleration.cells import Cells
+from baselines.exact.acceleration.newton_step import Rows
+from baselines.exact.jerk.cells import Cells as JerkCells
+from baselines.exact.jerk.cells import Point
+from baselines.exact.jerk.cells import Rows as JerkRows
+from baselines.exact.method.scaled import Scaled
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import families
 from trajopt.benchmark.suites.catalogue import load

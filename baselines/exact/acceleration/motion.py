@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest, straightest
-from baselines.exact.pieces import Pieces, quotient
-from baselines.exact.segments import Segments
+from baselines.exact.acceleration.profiles import Ramps, extremes, gentlest, straightest
+from baselines.exact.method.pieces import Pieces, quotient
+from baselines.exact.method.segments import Segments
 from trajopt.core.arrays import Array, Bools
 
 # Breaks no further apart than this share of a segment are close.

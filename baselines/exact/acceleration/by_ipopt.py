@@ -1,9 +1,9 @@
 """Section 3's program as it is printed, by CasADi and IPOPT: a check of `exact.acceleration`.
 
-Variables are the segment times, the waypoint velocities and both peaks; where `exact.cells` counts
-logarithms of times, and velocities from each segment's mean. IPOPT meets its inequalities to a
-tolerance: the caller dilates the answer until it is exactly reachable. Section 4's program is in
-`exact.jerk_by_ipopt`.
+Variables are the segment times, the waypoint velocities and both peaks; where
+`exact.acceleration.cells` counts logarithms of times, and velocities from each segment's mean.
+IPOPT meets its inequalities to a tolerance: the caller dilates the answer until it is exactly
+reachable. Section 4's program is in `exact.jerk.by_ipopt`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.exact.acceleration_profiles import extremes
-from baselines.exact.scaled import Scaled
+from baselines.exact.acceleration.profiles import extremes
+from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend

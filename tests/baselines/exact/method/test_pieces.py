@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact.pieces import Pieces
+from baselines.exact.method.pieces import Pieces
 from trajopt.core import polynomials
 
 

@@ -4,7 +4,7 @@ An interior-point method only tends to an active limit. Where a limit is active 
 is zero, as where a joint speeds up throughout a segment, both fall as the root of the barrier: the
 last half of all steps goes into that, and a ramp of 1e-7 of the segment remains.
 
-So from near the optimum (`exact.interior_point`) Newton's method leads to it. Rows whose
+So from near the optimum (`exact.method.interior_point`) Newton's method leads to it. Rows whose
 multipliers stay are equations, all others are left out, and so are rows whose multipliers become
 negative. Which rows these are the indicators of Tapia (1980) tell: from one step to the next the
 multiplier of an active row keeps its value. The result is taken where it is an optimum of the
@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from baselines.exact import interior_point
-from baselines.exact.interior_point import ROW_AXES, Arrived, Iterate, Rows
+from baselines.exact.method import interior_point
+from baselines.exact.method.interior_point import ROW_AXES, Arrived, Iterate, Rows
 from trajopt.core.arrays import Bools
 
 # Crossover is tried at these gaps, relative to the duration, and where the method has converged.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from baselines.ipopt import no_start_succeeded, optima_together
+from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput

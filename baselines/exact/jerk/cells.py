@@ -18,11 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.exact.cells import at_ends
-from baselines.exact.chain import Chain, Links, beside_it, owners
-from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES, chosen, moved
-from baselines.exact.jerk_profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
-from baselines.exact.scaled import Scaled
+from baselines.exact.jerk.profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
+from baselines.exact.method.chain import Chain, Links, at_ends, beside_it, owners
+from baselines.exact.method.interior_point import MIN_KEPT_SLACK, ROW_AXES, chosen, moved
+from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
 # Rows of the reach of a cell, where the extreme profiles are of both kinds.

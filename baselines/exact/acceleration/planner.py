@@ -5,7 +5,7 @@ displacements that the limits allow fill an interval `[D_lo, D_up]`; its ends co
 to a peak `p`, cruising and braking. With the peaks as variables the minimum-time problem is a small
 smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so there are several
 starts, and the answer is the best known, not a proof. From each one an interior-point method made
-for this program (`exact.crossover`) leads to a local optimum.
+for this program (`exact.method.crossover`) leads to a local optimum.
 
     from baselines.exact.acceleration import Exact
     solution = Exact().solve(problem)
@@ -20,14 +20,15 @@ from typing import Literal
 
 import numpy as np
 
-from baselines.exact import brief_steps
-from baselines.exact.acceleration_motion import Task, pieces
-from baselines.exact.acceleration_profiles import extremes
-from baselines.exact.cells import Cells, with_rest
-from baselines.exact.crossover import minimised
-from baselines.exact.newton_step import Rows
-from baselines.exact.scaled import BRIEF_PIECE_S, Scaled
-from baselines.exact.several_starts import Optimum, SeveralStarts
+from baselines.exact.acceleration.cells import Cells
+from baselines.exact.acceleration.motion import Task, pieces
+from baselines.exact.acceleration.newton_step import Rows
+from baselines.exact.acceleration.profiles import extremes
+from baselines.exact.method import brief_steps
+from baselines.exact.method.chain import with_rest
+from baselines.exact.method.crossover import minimised
+from baselines.exact.method.planner import Optimum, SeveralStarts
+from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
@@ -221,7 +222,7 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
 
 def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
     """IPOPT's local optimum near each start, dilated until it is exactly reachable."""
-    from baselines.exact import by_ipopt  # late: it needs CasADi
+    from baselines.exact.acceleration import by_ipopt  # late: it needs CasADi
 
     optima = []
     for start in starts:

@@ -83,11 +83,11 @@ def test_the_other_method_finds_the_same_optimum(problem: Problem) -> None:
 
 def test_where_ipopt_finds_none_there_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """No other method steps in: the message has IPOPT's own words."""
-    from baselines.exact import jerk_by_ipopt
+    from baselines.exact.jerk import by_ipopt
 
-    monkeypatch.setitem(jerk_by_ipopt._OPTIONS, "max_iter", 1)
-    jerk_by_ipopt._solver.cache_clear()
+    monkeypatch.setitem(by_ipopt._OPTIONS, "max_iter", 1)
+    by_ipopt._solver.cache_clear()
     solution = IPOPT.solve(one_joint(0, 1.5))
-    jerk_by_ipopt._solver.cache_clear()
+    by_ipopt._solver.cache_clear()
     assert solution.status is Status.FAILED
     assert solution.message == "no start succeeded: Maximum_Iterations_Exceeded"

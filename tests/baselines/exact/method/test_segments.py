@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from baselines.exact.pieces import Pieces
-from baselines.exact.segments import Segments
+from baselines.exact.method.pieces import Pieces
+from baselines.exact.method.segments import Segments
 
 
 def one_joint(lengths: ArrayLike, start: ArrayLike, jerk: ArrayLike) -> Pieces:

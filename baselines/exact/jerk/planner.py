@@ -2,9 +2,9 @@
 
 No discretisation. For one joint over one segment of time `T`, between two states (velocity,
 acceleration), the displacements that the limits allow fill an interval `[D_lo, D_up]`, whose ends
-are the profiles of `exact.jerk_profiles`, in closed form with their derivatives. So segment times
+are the profiles of `exact.jerk.profiles`, in closed form with their derivatives. So segment times
 and the waypoints' states are the only variables of a small program, which an interior-point method
-made for it solves (`exact.interior_point`).
+made for it solves (`exact.method.interior_point`).
 
     from baselines.exact.jerk import ExactJerk
     trajectory = ExactJerk().solve(problem).trajectory
@@ -20,12 +20,13 @@ from typing import Literal
 
 import numpy as np
 
-from baselines.exact import brief_steps, one_sided_jerk
 from baselines.exact.acceleration import Exact
-from baselines.exact.interior_point import begun, chosen, converged, descended
-from baselines.exact.jerk_cells import Cells, Rows
-from baselines.exact.scaled import Scaled
-from baselines.exact.several_starts import Optimum, SeveralStarts
+from baselines.exact.jerk import one_sided
+from baselines.exact.jerk.cells import Cells, Rows
+from baselines.exact.method import brief_steps
+from baselines.exact.method.interior_point import begun, chosen, converged, descended
+from baselines.exact.method.planner import Optimum, SeveralStarts
+from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
@@ -60,7 +61,7 @@ class ExactJerk(SeveralStarts):
     seconds = (3e-4, 2e-8)
 
     def unsupported(self, problem: Problem) -> str | None:
-        return one_sided_jerk.unsupported(problem)
+        return one_sided.unsupported(problem)
 
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -78,13 +79,13 @@ class ExactJerk(SeveralStarts):
     def _solved(self, problem: Problem, left_out: Array | None) -> Solution:
         """The answer for waypoints that are all exact."""
         # late: planners that are only listed need none of it
-        from baselines.exact.jerk_motion import Reachable
+        from baselines.exact.jerk.motion import Reachable
 
         scaled = Reachable(problem)
         scaled.left_out = left_out
         solve: Callable[[Sequence[Array]], list[Optimum]] = partial(_minimised, scaled)
         if self.solver == "ipopt":
-            from baselines.exact.jerk_by_ipopt import minimised
+            from baselines.exact.jerk.by_ipopt import minimised
 
             solve = partial(minimised, scaled)
         starts = islice(_starts(scaled), MAX_STARTS_FACTOR * self.starts)

@@ -1,7 +1,7 @@
 """Section 4's program as it is printed (4.5), by CasADi and IPOPT: a check of `exact.jerk`.
 
 Variables are the segment times, the waypoint states, and for both sides of each cell the levels and
-times of some motion. `exact.jerk_profiles` knows the extreme motions in closed form; here IPOPT
+times of some motion. `exact.jerk.profiles` knows the extreme motions in closed form; here IPOPT
 finds them. Times count in stop times of their segment.
 """
 
@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from baselines.exact.by_ipopt import LONGEST, OPTIONS
-from baselines.exact.jerk_cells import Cells
-from baselines.exact.scaled import Scaled
-from baselines.exact.several_starts import Optimum
+from baselines.exact.acceleration.by_ipopt import LONGEST, OPTIONS
+from baselines.exact.jerk.cells import Cells
+from baselines.exact.method.planner import Optimum
+from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend

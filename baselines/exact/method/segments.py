@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.pieces import Pieces, quotient, summed
+from baselines.exact.method.pieces import Pieces, quotient, summed
 from trajopt.core.arrays import Array, Bools, Indices
 
 MOST = 1 + 3e-10  # share of a limit that a motion may use

@@ -1,0 +1,15 @@
+"""The exact minimum time under velocity, acceleration and jerk limits: the planner `exact-jerk`.
+
+In reading order:
+
+- `planner`: the program, where it starts, and what it answers.
+- `profiles`: the two extreme profiles of a joint in a segment, in closed form.
+- `cells`: unknowns, inequalities and Newton steps of the program.
+- `motion`: the motion through the waypoint states of an optimum.
+- `by_ipopt`: the same optimum by IPOPT, an independent check.
+- `one_sided`: why jerk limits on one side only have no optimum.
+"""
+
+from baselines.exact.jerk.planner import ExactJerk
+
+__all__ = ["ExactJerk"]
