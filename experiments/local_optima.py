@@ -21,7 +21,7 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from baselines.ipopt import AGREEMENT_RTOL
+from baselines.several_starts import AGREEMENT_RTOL
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt.benchmark.suites.random import random_problem

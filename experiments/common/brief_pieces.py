@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from baselines.exact.pieces import Pieces
+from baselines.exact.method.pieces import Pieces
 from trajopt import Problem, Trajectory
 from trajopt.core.arrays import Array, Indices
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import linprog
 
 from baselines.collocation.uniform import Collocation
-from baselines.exact.method import interior_point
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration.profiles import extremes
+from baselines.exact.method import interior_point
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, Trajectory, verify

@@ -15,7 +15,7 @@ from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
 
-ARM = Path(__file__).parents[3] / "docs/examples/motions/arm.toml"
+ARM = Path(__file__).parents[4] / "docs/examples/motions/arm.toml"
 V = np.array([-1.0, 1.5])
 A = np.array([-2.0, 3.0])
 

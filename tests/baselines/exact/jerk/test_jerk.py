@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from baselines.collocation.uniform import Collocation
-from baselines.exact.method import interior_point
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
+from baselines.exact.method import interior_point
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
 from experiments.known_optima import one_way
 from experiments.soaks import relations

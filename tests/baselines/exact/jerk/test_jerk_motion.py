@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.exact.jerk import motion as jerk_motion
 from baselines.exact.jerk import ExactJerk
+from baselines.exact.jerk import motion as jerk_motion
 from experiments.known_optima import end_to_end, line, one_way
 from experiments.scaling import walk
 from trajopt import Limits, Problem, Trajectory, verify

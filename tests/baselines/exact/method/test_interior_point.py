@@ -7,13 +7,13 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from baselines.exact.method import interior_point
-from baselines.exact.acceleration.planner import Exact, Passing, starting_points
 from baselines.exact.acceleration.cells import Cells
 from baselines.exact.acceleration.newton_step import Rows
+from baselines.exact.acceleration.planner import Exact, Passing, starting_points
 from baselines.exact.jerk.cells import Cells as JerkCells
 from baselines.exact.jerk.cells import Point
 from baselines.exact.jerk.cells import Rows as JerkRows
+from baselines.exact.method import interior_point
 from baselines.exact.method.scaled import Scaled
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import families
