@@ -120,7 +120,7 @@ def test_a_cut_log_is_judged_and_a_line_says_so(run):
     assert "Slowed down 1.17" in text
 
 
-@pytest.mark.parametrize("name", ["out.csv", "out.json"])
+@pytest.mark.parametrize("name", ["out.csv", "out.json", "out.yaml"])
 def test_the_motion_is_written_and_keeps_the_limits_when_it_is_read(run, name):
     write("log.csv")
     limits(jerk=", max_jerk: 40")
@@ -140,7 +140,18 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(run):
     write("log.csv")
     limits()
     code, _, err = run("verify log.csv --limits l.yaml --out out.xlsx")
-    assert (code, "expected a file ending in .csv or .json" in err) == (2, True)
+    assert (code, "expected a file ending in .csv, .json" in err) == (2, True)
+
+
+@pytest.mark.parametrize(("name", "begins"), [("out.svg", b"<?xml"), ("out.h5", b"\x89HDF")])
+def test_the_motion_as_a_picture_and_as_a_trial(run, name, begins):
+    write("log.csv", rate=100)
+    limits()
+    code, _, err = run(f"verify log.csv --limits l.yaml --out {name}")
+    assert (code, err) == (0, "")
+    assert Path(name).read_bytes().startswith(begins)
+    if name == "out.h5":
+        assert run("verify out.h5")[0] == 0
 
 
 def test_a_said_interpolation_and_many_decimals_are_judged_as_they_stand(run):

@@ -345,6 +345,31 @@ def test_what_a_refusal_says(run, case, words):
     assert words in err
 
 
+GERMAN = "Zeit [s];Achse1 [°];Achse2 [°]\n0;0,0;0,0\n0,5;28,6;-14,3\n1;57,3;-28,6\n"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "words"),
+    [
+        ("cp1252", "byte 18 is not text in UTF-8; save it as UTF-8, in Excel as 'CSV UTF-8'"),
+        ("utf-8", "joint_names is ['Achse1', 'Achse2']: expected joints of l.yaml"),
+        ("utf-8-sig", "joint_names is ['Achse1', 'Achse2']: expected joints of l.yaml"),
+        ("utf-16", "joint_names is ['Achse1', 'Achse2']: expected joints of l.yaml"),
+    ],
+)
+def test_a_german_sheet_in_excel_s_encodings(run, encoding, words):
+    """FT4-14; with the robot's names for its joints it is read."""
+    Path("l.yaml").write_text(TWO)
+    code, _, err = verdict(run, "verify log.csv --limits l.yaml", GERMAN.encode(encoding))
+    assert (code, words in err) == (2, True), err
+    named = GERMAN.replace("Achse", "q").encode(encoding)
+    code, uses, err = verdict(run, "verify log.csv --limits l.yaml", named)
+    if encoding == "cp1252":
+        assert code == 2
+    else:
+        assert uses["velocity"] == pytest.approx(0.5, abs=1e-3)
+
+
 @pytest.mark.parametrize("case", ["FT4-10", "FT4-13", "FT4-14", "FT4-23"])
 def test_what_is_read_as_it_stands(run, case):
     Path("l.yaml").write_text(TWO)

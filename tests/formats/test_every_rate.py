@@ -6,7 +6,10 @@ import warnings
 
 import pytest
 
+from trajopt.core import arm_file, problem_file
 from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.core.limits import KINDS
+from trajopt.core.problem import Problem
 from trajopt.formats import joint_limits, urdf
 
 # Keys that bound no velocity, acceleration or jerk: flags, positions, efforts and their gains.
@@ -194,3 +197,80 @@ def test_a_urdf_of_version_1_2(tmp_path):
     template = slider(path, 'acceleration="${a}"')
     with pytest.raises(InvalidInput, match=r"is '\$\{a\}': expected a number; xacro"):
         template.limits(["j"])
+
+
+# --- problem files and arm files: every key that they may hold ---
+
+PROBLEM = """name = "n"
+source = "s"
+joint_names = ["j"]
+waypoints = [[0], [1]]
+units = {waypoints = "rad", limits = "rad"}
+"""
+OF_KIND = {  # what a table of limits says, and another value
+    **dict.fromkeys(("velocity", "acceleration", "jerk"), ("[2.0]", "[1.0]")),
+    "position": ("[[-3, 3]]", "[[-2, 2]]"),
+    "falling_velocity": (
+        "{offset = [0.1], deceleration = [2.0], position = [[-3, 3]]}",
+        "{offset = [0.1], deceleration = [1.0], position = [[-3, 3]]}",
+    ),
+}
+
+
+def problem_of(path):
+    """What a problem file says, or why it is refused."""
+    try:
+        own = Problem.from_toml(path)
+    except InvalidInput as error:
+        return str(error)
+    return problem_file.text(own)
+
+
+def limits_of(values):
+    return "[limits]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_limit_of_a_problem_file(tmp_path, kind):
+    path = tmp_path / "p.toml"
+    whole = {key: OF_KIND[key][0] for key in ("velocity", "acceleration", kind)}
+    found = set()
+    for value in OF_KIND[kind]:
+        path.write_text(PROBLEM + limits_of(whole | {kind: value}))
+        found.add(problem_of(path))
+    assert len(found) == 2
+    assert all(f"{kind} = " in text or f"limits.{kind}]" in text for text in found)
+
+
+@pytest.mark.parametrize("value", ["0.5", "'other'"])
+@pytest.mark.parametrize("key", sorted({*problem_file._KEYS, "max_velocity", "speed"}))
+def test_every_key_of_a_problem_file(tmp_path, key, value):
+    """A number or a text under any key changes the problem, or is refused."""
+    path = tmp_path / "p.toml"
+    limits = limits_of({key: OF_KIND[key][0] for key in ("velocity", "acceleration")})
+    path.write_text(PROBLEM + limits)
+    without = problem_of(path)
+    lines = [line for line in PROBLEM.splitlines() if not line.startswith(f"{key} = ")]
+    path.write_text("\n".join([f"{key} = {value}", *lines, limits if key != "limits" else ""]))
+    if key == "published":  # of a paper's problem, which another reader checks
+        assert problem_of(path) == without
+        return
+    assert problem_of(path) != without
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_limit_of_an_arm_file(tmp_path, kind):
+    path = tmp_path / "a.toml"
+    found = []
+    for value in OF_KIND[kind]:
+        whole = {key: OF_KIND[key][0] for key in ("velocity", "acceleration")} | {kind: value}
+        tables = [
+            f'[{key}]\nvalues = {own}\nangle_unit = "rad"\nstatus = "assumed"\nsource = "s"\n'
+            for key, own in whole.items()
+        ]
+        path.write_text('name = "a"\ndescription = "d"\n' + "".join(tables))
+        found.append(arm_file.read(str(path)).limits)
+        path.write_text(path.read_text() + "max_speed = 1\n")
+        with pytest.raises(InvalidInput, match="max_speed"):
+            arm_file.read(str(path))
+    assert found[0] != found[1]

@@ -8,20 +8,13 @@ is judged as it stands.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from trajopt.benchmark.store import atomic
-from trajopt.benchmark.store.document import trajectory_table
-from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import LIMIT_ORDERS, Limits
-from trajopt.core.trajectory import Trajectory
-from trajopt.formats import samples_csv
 from trajopt.formats.motion import Motion
 from trajopt.formats.samples import Samples
 from trajopt.judging.evidence import DEFAULT_WINDOW_S, DIGITS_WORTH, Evidence, Log, evidence
@@ -72,28 +65,6 @@ def evidence_of(
         window=options.window,
         accelerations=accelerations,
     )
-
-
-def write(path: Path, motion: Trajectory, joint_names: Sequence[str], units: Sequence[str]) -> None:
-    """Write a log's motion: its polynomials (.json), or samples that reproduce it (.csv).
-
-    A controller joins the samples with cubic pieces, which the motion consists of.
-    """
-    names = tuple(joint_names) or tuple(f"joint_{i + 1}" for i in range(motion.joints))
-    if path.suffix == ".json":
-        table = {"joint_names": list(names)} | trajectory_table(motion)
-        text = json.dumps(table, indent=1)
-        atomic.write(path, lambda file: file.write_text(text, encoding="utf-8"))
-        return
-    times = motion.breaks
-    samples = Samples(names, times, motion(times), motion(times, 1), joint_units=tuple(units))
-    atomic.write(path, lambda file: samples_csv.write(file, samples))
-
-
-def check_ending(path: Path) -> None:
-    """Refuse a file that `write` does not write, before the work."""
-    if path.suffix not in (".csv", ".json"):
-        raise InvalidInput("--out", "a file ending in .csv or .json", value=str(path))
 
 
 def _is_log(samples: Samples, limits: Limits) -> bool:

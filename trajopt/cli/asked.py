@@ -108,7 +108,7 @@ def problem(name_or_path: str, robot: Robot = NO_FLAGS, *, scaled: bool = False)
         if not _is_waypoints(name_or_path):
             _check_unused(name_or_path, robot)
             return catalogue.load(name_or_path)
-        if not path.is_file():
+        if not path.exists():
             right = "a file of waypoints that exists"
             raise InvalidInput("problem", right, file=name_or_path)
         own = robot_limits(name_or_path, robot)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
-from trajopt.benchmark import judgement, logs
+from trajopt.benchmark import judgement
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.judgement import Execution, Judgement
@@ -34,6 +34,8 @@ from trajopt.formats.motion import TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
+from trajopt.views.export import motion_file
+from trajopt.views.export.motion_file import Target
 from trajopt.views.figures import draw
 
 _ADVICE = {
@@ -117,7 +119,7 @@ def judge(
 def check_log_out(path: Path | None, *, force: bool) -> None:
     """Check before the work whether a log's motion can be written."""
     if path is not None:
-        logs.check_ending(path)
+        Target(path)  # refuses an unknown ending
         check_target(path, force=force)
 
 
@@ -125,13 +127,10 @@ def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False
     """Write a log's motion within its digits; say so, or why there is none."""
     if path is None:
         return
-    motion = None if found.evidence is None else found.evidence.motion
-    if motion is None:
+    if not motion_file.write_log(path, found):
         what = "no log" if found.evidence is None else "a log without a motion within its digits"
         console.note(f"{path} is not written: {found.motion.name} is {what}")
-        return
-    logs.write(path, motion, found.motion.joint_names, found.motion.joint_units)
-    if not quiet:
+    elif not quiet:
         console.line(f"{path}: the motion within the digits")
 
 

@@ -47,7 +47,9 @@ _SIGNS = {
     r"(?m)^\s*(way_?points?\b|\[limits|units\b|angle_unit)": "a problem file",
     r"(?m)^(\[[\w.\"' -]+\]|[\w.\"-]+\s*=)": "a TOML file of another kind",
     r"(?m)^[\w/]+:( |$)": "a YAML file of another kind",
-    r"(?i)\A\W*([\w./]*(time|stamp)[\w.]*|t|secs?)\b[^\n]*[,;\t ]": "a CSV of a motion",
+    r"(?i)\A\W*([\w./]*(time|stamp)[\w.]*|t|secs?)\b[^\n]*[,;\t ]|\A[^\n]*\[[mun]?s\]": (
+        "a CSV of a motion"
+    ),
     r"(?m)^ *[-+\d.][-+\d.eE,;\t ]*$": "a CSV of waypoints",
 }
 
@@ -123,7 +125,9 @@ def kind(path: Path) -> str:
     if not path.is_file():
         return ""
     with files.opened(path) as file:
-        beginning = file.read(_LOOKED_AT).decode("latin-1").removeprefix("\xef\xbb\xbf")
+        read = file.read(_LOOKED_AT)
+    encoding = "utf-16" if files.is_utf_16(read) else "latin-1"
+    beginning = read.decode(encoding, errors="ignore").removeprefix("\xef\xbb\xbf")
     found = (name for sign, name in _SIGNS.items() if re.search(sign, beginning))
     if path.suffix in _TEXTS:
         found = (name for name in found if name not in _LANGUAGES)

@@ -96,6 +96,6 @@ Window = Annotated[
 ]
 LogOut = Annotated[
     Path | None,
-    Parameter(name="--out", help="Write a log's motion within its digits: .csv or .json."),
+    Parameter(name="--out", help="Write a log's motion within its digits, as plan --out."),
 ]
 Force = Annotated[bool, Parameter(help="Overwrite the file of --out.")]

@@ -61,12 +61,16 @@ def text(
 
 def _decoded(found: bytes) -> str:
     """Return the text of bytes in UTF-8 or UTF-16; raises `ValueError` for other encodings."""
-    utf_16 = found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        return found.decode("utf-16" if utf_16 else "utf-8-sig")
+        return found.decode("utf-16" if is_utf_16(found) else "utf-8-sig")
     except UnicodeDecodeError as error:
         reason = f"byte {error.start + 1} is not text in UTF-8; save it as UTF-8, in Excel as"
         raise ValueError(f"{reason} 'CSV UTF-8'") from None
+
+
+def is_utf_16(found: bytes) -> bool:
+    """Return whether bytes begin with the mark of UTF-16."""
+    return found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
 
 
 def opened(path: Path) -> BinaryIO:

@@ -200,6 +200,7 @@ def _read_npy(path: Path) -> Waypoints:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
+            files.opened(path).close()  # a pipe would never end
             # Mapped, not read: a header may claim any size.
             array = np.lib.format.open_memmap(path, mode="r")
     except Exception as error:  # of NumPy, of Python's own parser, or of the system

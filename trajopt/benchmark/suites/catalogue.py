@@ -54,7 +54,7 @@ def find(name_or_path: str) -> Path | None:
     if name_or_path in named:
         return named[name_or_path]
     path = Path(name_or_path)
-    if path.is_file():
+    if path.exists() and not path.is_dir():  # of a pipe the reader says that it is one
         return path
     if path.suffix or len(path.parts) > 1:
         raise InvalidInput(

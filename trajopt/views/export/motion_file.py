@@ -8,20 +8,25 @@ controller joins it, and verified. Only then does the file take its place.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
+import numpy as np
+
+from trajopt.benchmark.judgement import Execution, GivenMotion, passing
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.document import trajectory_table
 from trajopt.benchmark.store.folder import save
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import Trial, judge
 from trajopt.core.exceptions import InvalidInput, StoreError, WrongType, shown
 from trajopt.core.limits import KINDS
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, on_cycle, samples_csv
+from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.on_cycle import OnCycle
 from trajopt.formats.samples import Samples
 from trajopt.judging.verification import Certificate, verify
@@ -142,11 +147,43 @@ def write(
     if target.path.suffix == ".h5":
         save(target.path, trial, durations)
     elif target.path.suffix == ".json":
-        text = _exact(trial)
-        atomic.write(target.path, lambda file: file.write_text(text, encoding="utf-8"))
+        _write_text(target.path, _exact(trial))
     else:
-        _draw(target.path, trial)
+        title = f"{trial.label} on {trial.problem.name}"
+        _draw(target.path, trial.problem, _certified(trial), title)
     return None
+
+
+def write_log(path: Path, found: Execution) -> bool:
+    """Write the motion within a log's digits, in the formats of `write`; tell if there is one.
+
+    Samples are at the motion's breaks, so cubic pieces between them are the motion itself. A trial
+    (.h5) has the motion as its planner, and the log's verdict is not in it.
+    """
+    motion = None if found.evidence is None else found.evidence.motion
+    if motion is None:
+        return False
+    own = passing(found.problem, motion)
+    if path.suffix == ".h5":
+        given = GivenMotion(read_motion(own))
+        (trial,) = judge(given, found.problem, [0], found.motion.name)
+        save(path, trial, durations)
+    elif path.suffix == ".json":
+        _write_text(path, json.dumps(_polynomials(found.problem, own), indent=1))
+    elif path.suffix in _PICTURES:
+        _draw(path, found.problem, own, f"{found.motion.name}, within its digits")
+    else:
+        times = own.breaks
+        if path.suffix in MESSAGES:
+            times = np.round(times, 9)  # which a message holds
+            times = times[np.append(True, np.diff(times) > 0)]
+        within = np.minimum(times, own.breaks[-1])
+        names = _names(found.problem)
+        units = found.problem.joint_units
+        samples = Samples(names, times, own(within), own(within, 1), joint_units=units)
+        form = samples_csv.write if path.suffix == ".csv" else joint_trajectory.write
+        _write_by(path, lambda file: form(file, samples))
+    return True
 
 
 def _certified(trial: Trial) -> Trajectory:
@@ -160,20 +197,37 @@ def _certified(trial: Trial) -> Trajectory:
 
 def _exact(trial: Trial) -> str:
     """The exact piecewise polynomial, and the verdict, as JSON."""
-    trajectory = _certified(trial)
-    exact = {"joint_names": list(trial.problem.joint_names)} | trajectory_table(trajectory)
+    exact = _polynomials(trial.problem, _certified(trial))
     return json.dumps(trial.as_dict() | exact, indent=1, default=str)
 
 
-def _draw(path: Path, trial: Trial) -> None:
+def _polynomials(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
+    return {"joint_names": list(problem.joint_names)} | trajectory_table(trajectory)
+
+
+def _names(problem: Problem) -> tuple[str, ...]:
+    """The joints' names in a file, which must have some."""
+    return problem.joint_names or tuple(f"joint_{joint + 1}" for joint in range(problem.joints))
+
+
+def _write_text(path: Path, text: str) -> None:
+    atomic.write(path, lambda file: file.write_text(text, encoding="utf-8"))
+
+
+def _draw(path: Path, problem: Problem, trajectory: Trajectory, title: str) -> None:
     """Every joint against time, with its limits."""
     from trajopt.views.figures import motions, plots  # Matplotlib is for those who draw
 
-    title = f"{trial.label} on {trial.problem.name}"
-    figure = motions.motion(trial.problem, _certified(trial), title=title)
+    figure = motions.motion(problem, trajectory, title=title)
+    _write_by(path, lambda file: plots.write(figure, file))
+
+
+def _write_by(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file as a whole, by a function that looks at its ending."""
     with TemporaryDirectory() as folder:
-        drawn = plots.write(figure, Path(folder) / f"motion{path.suffix}")
-        content = drawn.read_bytes()
+        written = Path(folder) / f"motion{path.suffix}"
+        write(written)
+        content = written.read_bytes()
     atomic.write(path, lambda file: file.write_bytes(content))
 
 
@@ -181,8 +235,7 @@ def _write_executed(target: Target, trial: Trial) -> Executed:
     problem = trial.problem
     trajectory = _certified(trial)
     motion = on_cycle.moved(problem, trajectory, target.cycle)
-    numbered = tuple(f"joint_{joint + 1}" for joint in range(problem.joints))
-    names = problem.joint_names or numbered
+    names = _names(problem)
     at_breaks = target.path.suffix != ".csv"
     if target.points is not None:
         at_breaks = target.points == "breaks"
