@@ -376,8 +376,9 @@ class _Search:
         exact = x.copy()
         exact[relaxation.inverse] = 1 / times
         exact[relaxation.square] = times**2
-        exact[relaxation.before] = x[relaxation.acceleration] * times[:-1, None]
-        exact[relaxation.after] = x[relaxation.acceleration] * times[1:, None]
+        a = x[relaxation.acceleration]
+        exact[relaxation.before] = a * times[relaxation.segment_before, None]
+        exact[relaxation.after] = a * times[relaxation.segment_after, None]
         self.pool.add([Tangent(segment, at) for segment, at in enumerate(times.tolist())])
         self.pool.add(extremal.violated(relaxation, exact, -_ACTIVE_TOLERANCE))
 

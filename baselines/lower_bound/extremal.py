@@ -171,12 +171,8 @@ def families(point: Point) -> list[Array]:
 
 def _points(relaxation: Relaxation, x: Array) -> Point:
     """Return all segments and joints, then their mirror images: `(2, segments, joints)`."""
-    rest = np.zeros((1, relaxation.joints))
-    inner = x[relaxation.velocity]
-    v0 = np.concatenate([rest, inner])
-    v1 = np.concatenate([inner, rest])
-    after = np.concatenate([rest, x[relaxation.after]])
-    before = np.concatenate([x[relaxation.before], rest])
+    v0, v1 = x[relaxation.velocity_at]
+    after, before = x[relaxation.scaled_at]
     time = x[relaxation.time][:, None]
     square = x[relaxation.square][:, None]
     j_down, j_up = relaxation.j

@@ -75,25 +75,18 @@ def ramp_row(relaxation: Relaxation, given: Ramp) -> Rows:
     """`a₁ − a₀ ≤ J T` of the accelerations at the segment's ends; downwards `a₀ − a₁ ≤ J T`."""
     segment, joint, side = given
     sign = 1.0 if side else -1.0
-    accelerations = relaxation.acceleration[:, joint]
     row = relaxation.blank(1)
     row.columns[0, 0] = relaxation.time[segment]
     row.coefficients[0, 0] = -relaxation.j[side, joint]
-    # the motion rests at both ends of the path
-    if segment > 0:
-        row.columns[0, 1] = accelerations[segment - 1]
-        row.coefficients[0, 1] = -sign
-    if segment < relaxation.segments - 1:
-        row.columns[0, 2] = accelerations[segment]
-        row.coefficients[0, 2] = sign
+    row.columns[0, 1:3] = relaxation.acceleration_at[:, segment, joint]
+    row.coefficients[0, 1:3] = -sign, sign
     return row
 
 
 def violated_ramps(relaxation: Relaxation, x: Array) -> list[Ramp]:
     """Return the ramps that a point's accelerations violate."""
-    rest = np.zeros((1, relaxation.joints))
-    accelerations = np.concatenate([rest, x[relaxation.acceleration], rest])
-    rises = np.diff(accelerations, axis=0)
+    before, after = x[relaxation.acceleration_at]
+    rises = after - before
     time = x[relaxation.time][:, None]
     given = []
     for side, change in enumerate((-rises, rises)):

@@ -62,7 +62,8 @@ class Box(NamedTuple):
 class Relaxation:
     """A problem's variables, the box that they start in, and the rows that enclose its curves.
 
-    A variable that a segment lacks (the motion rests at its ends) is the last one, always 0.
+    A variable that a segment lacks (the motion rests at its ends) is the last one, always 0. In a
+    closed motion the last waypoint has a state, which is the first one's.
 
     Attributes:
         cutoff: Only motions shorter than this are asked about, in `time_unit`.
@@ -72,8 +73,12 @@ class Relaxation:
         jerky: Which joints have a jerk limit, on one side at least.
         below, above: Position limits minus each segment's start, `(segments, joints)`.
         time, inverse, square: Variables `T`, `S`, `Q`, `(segments,)`.
-        velocity, acceleration: Variables `v`, `a` of inner waypoints, `(segments − 1, joints)`.
+        velocity, acceleration: Variables `v`, `a` of the waypoints that have a state,
+            `(states, joints)`.
         before, after: Variables `a T` of the segments before and after a waypoint, likewise.
+        segment_before, segment_after: The segments on both sides of such a waypoint, `(states,)`.
+        velocity_at, acceleration_at, scaled_at: Variables `v`, `a`, `a T` at the start and the end
+            of each segment, `(2 ends, segments, joints)`.
     """
 
     def __init__(
@@ -126,12 +131,24 @@ class Relaxation:
         inner = (segments - 1, self.joints)
         numbers = np.arange(4 * inner[0] * inner[1])
         states = 3 * segments + numbers.reshape(4, *inner)
+        self.segment_before = np.arange(len(states[0]))
+        self.segment_after = (self.segment_before + 1) % segments
         self.time = np.arange(segments)
         self.inverse = self.time + segments
         self.square = self.time + 2 * segments
         self.velocity, self.acceleration, self.before, self.after = states
         self.nothing = 3 * segments + states.size
         self.variables = self.nothing + 1
+        self.velocity_at = self._at_ends(self.velocity, self.velocity)
+        self.acceleration_at = self._at_ends(self.acceleration, self.acceleration)
+        self.scaled_at = self._at_ends(self.after, self.before)
+
+    def _at_ends(self, after: Indices, before: Indices) -> Indices:
+        """Variables at both ends of each segment, from those on both sides of waypoints."""
+        found = np.full((2, self.segments, self.joints), self.nothing)
+        found[0, self.segment_after] = after
+        found[1, self.segment_before] = before
+        return found
 
     def at(self, problem: Problem, motion: Trajectory) -> Array:
         """Return a motion's times, velocities and accelerations; other variables are 0."""
@@ -155,12 +172,8 @@ class Relaxation:
         columns[0] = self.time[segment]
         columns[1] = self.inverse[segment]
         columns[2] = self.square[segment]
-        if segment > 0:
-            columns[3] = self.velocity[segment - 1, joint]
-            columns[5] = self.after[segment - 1, joint]
-        if segment < self.segments - 1:
-            columns[4] = self.velocity[segment, joint]
-            columns[6] = self.before[segment, joint]
+        columns[3:5] = self.velocity_at[:, segment, joint]
+        columns[5:7] = self.scaled_at[:, segment, joint]
         return columns
 
     @cached_property
@@ -205,7 +218,7 @@ class Relaxation:
         high[self.inverse] = (1 + ROUNDING_RTOL) / shortest
         low[self.square] = (1 - ROUNDING_RTOL) * shortest**2
         high[self.square] = (1 + ROUNDING_RTOL) * longest**2
-        sides = ((self.before, slice(None, -1)), (self.after, slice(1, None)))
+        sides = ((self.before, self.segment_before), (self.after, self.segment_after))
         for side, neighbours in sides:
             least, most = _products(
                 low[self.acceleration],
@@ -263,9 +276,10 @@ class Relaxation:
         """
         jerky = np.flatnonzero(self.jerky)
         accelerations = self.acceleration[:, jerky].ravel()
-        inner = np.repeat(np.arange(self.segments - 1), len(jerky))
         parts = []
-        for side, times in ((self.before, inner), (self.after, inner + 1)):
+        sides = ((self.before, self.segment_before), (self.after, self.segment_after))
+        for side, segments in sides:
+            times = np.repeat(self.time[segments], len(jerky))
             products = side[:, jerky].ravel()
             rows = self.blank(_MCCORMICK_ROWS * len(products))
             corners = (
