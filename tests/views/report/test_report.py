@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects
 import pytest
 from trials import as_runs
 
@@ -521,8 +520,6 @@ def test_packing_keeps_numbers_and_drops_what_is_not_finite() -> None:
 def test_looks_differ_for_every_planner_of_a_large_comparison() -> None:
     looks = [content.look(i) for i in range(28)]
     assert len({(one["colour"], one["dash"]) for one in looks}) == 28
-    for one in looks:  # Plotly knows them all
-        plotly.graph_objects.Scatter(line={"dash": one["dash"]}, marker={"symbol": one["symbol"]})
 
 
 def test_seeds_are_told_as_ranges() -> None:

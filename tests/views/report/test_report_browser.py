@@ -125,6 +125,18 @@ def test_it_opens_offline_without_a_complaint(browser: Any, script: Script, page
     assert script("return document.querySelectorAll('.chart .main-svg').length") > 4
 
 
+def test_the_charts_are_there_when_the_page_has_loaded(browser: Any, page: Path) -> None:
+    """So are they in a picture that a program takes of it; and Plotly knows all that is asked."""
+    browser.get("about:blank")
+    browser.get(page.as_uri())  # until it has loaded
+    assert browser.execute_script("return document.documentElement.dataset.ready") == "1"
+    assert browser.execute_script("return document.querySelector('iframe')") is None
+    unknown = """return [...document.querySelectorAll('.chart')].filter((c) => c.layout)
+        .flatMap((c) => Plotly.validate(c.data, c.layout) ?? [])
+        .filter((fault) => ['schema', 'value'].includes(fault.code)).map((fault) => fault.msg)"""
+    assert browser.execute_script(unknown) == []
+
+
 def test_sorting_is_by_number_both_ways_and_none_comes_last(script: Script) -> None:
     column = header(script, "certified (s)")
     up = script(COLUMN, column)

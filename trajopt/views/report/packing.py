@@ -12,8 +12,13 @@ from numpy.typing import ArrayLike
 
 
 def packed(text: str) -> str:
-    """Return the text gzipped, in Base64: no character of it can end a script element."""
-    return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode()
+    """Return the text gzipped, in Base64, of which no character can end a script element."""
+    return as_text(gzip.compress(text.encode(), compresslevel=9, mtime=0))
+
+
+def as_text(content: bytes) -> str:
+    """Return bytes in Base64."""
+    return base64.b64encode(content).decode()
 
 
 def packed_json(value: Any) -> str:

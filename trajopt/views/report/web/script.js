@@ -22,6 +22,9 @@
     broken("charts and trials need a browser from 2023 or later; the tables are whole.");
     return;
   }
+  // An open document within it keeps the page loading: who takes a picture once it has loaded has the charts.
+  const loading = document.body.appendChild(make("iframe", "", { hidden: "" }));
+  loading.contentDocument.open();
   const data = JSON.parse(await unpack("data"));
   const library = make("script", await unpack("plotly"));
   document.head.append(library);
@@ -315,6 +318,7 @@
   if (first) { first.open = true; await fill(first); }
   follow();
   document.documentElement.dataset.ready = "1";
+  loading.remove();
 })().catch((error) => {
   const box = document.getElementById("broken");
   box.hidden = false;
