@@ -135,4 +135,6 @@ def _halfway(deadline: float) -> float:
 
 def _of(problem: Problem, kept: Indices) -> Problem:
     """The problem of some waypoints: a relaxation."""
-    return replace(problem, waypoints=problem.waypoints[kept])
+    chosen = np.zeros(len(problem.waypoints), dtype=bool)
+    chosen[kept] = True
+    return problem.along(problem.route.at(chosen))

@@ -556,15 +556,27 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
     [
         ("relative_dynamics_factor", "a speed is not asked for"),
         ("timepoints", "times of waypoints are not given"),
-        ("current_velocity", "velocities at the ends"),
-        ("target_velocity", "velocities at the ends"),
-        ("current_acceleration", "velocities at the ends"),
+        (
+            "current_velocity",
+            "states at the ends have names of their own in this tool; the nearest is start_velocity,",
+        ),
+        (
+            "target_velocity",
+            "states at the ends have names of their own in this tool; the nearest is end_velocity,",
+        ),
+        (
+            "current_acceleration",
+            "states at the ends have names of their own in this tool; the nearest is start_acceleration,",
+        ),
         ("minimum_duration", "a speed is not asked for"),
         ("minimum_time", "a speed is not asked for"),
         ("desired_duration", "a speed is not asked for"),
         ("intermediate_positions", "rows of waypoints, in order, with both ends"),
         ("per_section_max_velocity", "limits of a segment"),
-        ("sd_start", "velocities at the ends"),
+        (
+            "sd_start",
+            "states at the ends have names of their own in this tool; the nearest is start_velocity,",
+        ),
         ("min_velocity", "limits are under [limits]"),
         ("max_velocity", "limits are under [limits]"),
     ],

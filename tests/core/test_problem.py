@@ -56,7 +56,13 @@ def read(tmp_path: Path, content: str | bytes) -> Problem:
 REFUSED = [
     # changes, key, joint (from 1), value, what is right
     ({"speed": "1"}, "speed", None, "1", "every motion is as fast as its limits allow"),
-    ({"colour": "1"}, "colour", None, "1", "one of the keys angle_unit, joint_names, limits, name"),
+    (
+        {"colour": "1"},
+        "colour",
+        None,
+        "1",
+        "one of the keys angle_unit, end_acceleration, end_velo",
+    ),
     ({"velocity": None}, "limits.velocity", None, None, "it is missing"),
     ({"acceleration": None}, "limits.acceleration", None, None, "it is missing"),
     ({"waypoints": None}, "waypoints", None, None, "it is missing"),

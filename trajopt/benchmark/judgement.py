@@ -26,6 +26,7 @@ from trajopt.benchmark.logs import AS_LOG, LogOptions, evidence_of
 from trajopt.benchmark.store.folder import is_trial, recorded
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import Limits
@@ -435,7 +436,8 @@ class GivenMotion(Planner):
 
     motion: Motion
 
-    drops = True  # no limit is planned for: all are judged
+    drops = True  # nothing is planned for: all is judged
+    knows = tuple(DEMANDS)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the motion with the times at which it comes closest to the waypoints, in order."""

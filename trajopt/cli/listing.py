@@ -15,6 +15,7 @@ from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import Json
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError, UnknownName
 from trajopt.core.limits import LimitName, Limits
 from trajopt.core.problem import Problem
@@ -61,11 +62,11 @@ def _one(name: str, *, as_json: bool) -> int:
 
 
 def described(entry: Entry) -> dict[str, Any]:
-    """Describe a planner: its name, one line, options, limits, and what is missing.
+    """Describe a planner: its name, one line, options, limits, demands, and what is missing.
 
-    It keeps the limits that it `knows`. It drops those that it `ignores`: its answer is relaxed
-    then. It does not solve problems with limits that it `refuses`. It may break any other limit,
-    which the verifier reports.
+    It keeps the limits that it `knows`, and the `demands` on the way beside the waypoints. It drops
+    those limits that it `ignores`: its answer is relaxed then. It does not solve problems with
+    limits that it `refuses`. It may break any other limit, which the verifier reports.
     """
     row: dict[str, Any] = {
         "name": entry.name,
@@ -73,6 +74,7 @@ def described(entry: Entry) -> dict[str, Any]:
         "options": {},
         "on_request": False,
         "knows": [],
+        "demands": [],
         "ignores": [],
         "refuses": [],
     }
@@ -87,6 +89,7 @@ def described(entry: Entry) -> dict[str, Any]:
         row["options"] = profile.entrant.options
         row["on_request"] = profile.on_request
         row["knows"] = list(profile.knows)
+        row["demands"] = list(profile.demands)
         for limit, problem in problems.items():
             row.get(_fate(profile, problem), []).append(limit)
     row["available"] = missing is None
@@ -154,6 +157,8 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> Grid:
 
 def _limits_in_words(planner: dict[str, Any]) -> str:
     sentences = [f"knows {', '.join(planner['knows']) or 'no'} limits"]
+    if planner["demands"]:
+        sentences.append(f"and {', '.join(DEMANDS[key].name for key in planner['demands'])}")
     if planner["ignores"]:
         sentences.append(f"ignores {' and '.join(planner['ignores'])} limits: relaxed then")
     if planner["refuses"]:

@@ -11,6 +11,7 @@ from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.plan import check_target
 from trajopt.core import problem_file
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 
@@ -37,6 +38,8 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # For a robot of your own leave out `robot`, and say:
 # joint_names = ["shoulder", "elbow", "wrist"]
 # units.limits = "rad"              # the same for the limits below, per s, s² and s³
+
+{demands}
 
 # What is said here counts in place of the robot's. A number is [-number, number].
 # [limits]
@@ -71,7 +74,7 @@ def new(
     if waypoints is None and robot.said:
         right = f"a file of them, for the limits: trajopt new {path} waypoints.csv …"
         raise InvalidInput("waypoints are missing", right)
-    text = _EXAMPLE
+    text = _EXAMPLE.replace("{demands}", _demands())
     if waypoints is not None:
         problem = asked.problem(waypoints, robot)
         units = asked.units(waypoints, robot)
@@ -81,6 +84,12 @@ def new(
     atomic.write(path, lambda temporary: temporary.write_text(whole, encoding="utf-8"))
     console.line(f"{path}: edit it, then run: trajopt plan {path}")
     return 0
+
+
+def _demands() -> str:
+    """A commented line for each demand on the way beside the waypoints."""
+    lines = [f"# {own.example:<41} # {own.meaning}" for own in DEMANDS.values() if own.example]
+    return "\n".join(["# The way may ask for more, in the units of waypoints and limits:", *lines])
 
 
 def _stated(problem: Problem, robot: Robot, units: Sequence[str]) -> str:

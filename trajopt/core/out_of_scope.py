@@ -14,6 +14,12 @@ _SPEED = (
     "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
     "nearest are lower limits, or the scaling factors of a joint_limits.yaml"
 )
+
+
+_AT_ENDS = (
+    "states at the ends have names of their own in this tool; the nearest is {}, beside the "
+    "waypoints of a problem file, a number per joint"
+)
 _ELSEWHERE = {
     r"(relative_)?(dynamics|velocity|acceleration|jerk)(_rel|_factor)": _SPEED,
     r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (
@@ -36,10 +42,15 @@ _ELSEWHERE = {
         "waiting at a waypoint is not in this tool; the nearest is a problem for each part, which "
         "begins and ends at rest"
     ),
-    r"\w*(start|end|initial|final|goal|boundary|current|target)_(velocit|acceleration|speed|state)"
-    r"\w*|v0|vf|sdd?_(start|end)": (
-        "velocities at the ends are not in this tool, every motion begins and ends at rest; the "
-        "nearest is Ruckig by itself, from any velocity, for one segment"
+    r"\w*(start|initial|current)_acceleration\w*|a0|sdd_start": _AT_ENDS.format(
+        "start_acceleration"
+    ),
+    r"\w*(end|final|goal|target)_acceleration\w*|af|sdd_end": _AT_ENDS.format("end_acceleration"),
+    r"\w*(start|initial|current)_(velocit|speed|state)\w*|v0|sd_start": _AT_ENDS.format(
+        "start_velocity"
+    ),
+    r"\w*(end|final|goal|target|boundary)_(velocit|speed|state)\w*|vf|sd_end": _AT_ENDS.format(
+        "end_velocity"
     ),
     r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
         "limits of a segment are not in this tool; the nearest is a problem for each part with its "

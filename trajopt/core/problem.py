@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 
 from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.limits import Limits
 from trajopt.core.out_of_scope import out_of_scope
-from trajopt.core.route import Route
+from trajopt.core.route import NOTHING, Route
 from trajopt.core.tables import check_joint_names
 
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
@@ -24,26 +25,30 @@ _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by ord
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Pass every waypoint in order, from rest to rest, as fast as the limits allow.
+    """Pass every waypoint in order, as fast as the limits allow; from rest to rest by default.
 
-    `waypoints` is `(waypoints, joints)` in radians, one row per waypoint; `route` has what follows
-    from them (`trajopt.core.route.Route`).
+    `waypoints` is `(waypoints, joints)` in radians, one row per waypoint. What else is asked of the
+    way is given by name, `start_velocity` say, as a problem file has it but in rad (or m) and s;
+    `trajopt.core.demand.DEMANDS` has all. `route` has waypoints and demands, and what follows from
+    them (`trajopt.core.route.Route`).
 
     `joint_names` has one name per joint, or is empty. `joint_units` has "rad", or "m" for a
     prismatic joint; empty means radians. Neither is part of the digest.
 
-    Problems are equal if their waypoints and limits are: names do not count.
+    Problems are equal if their waypoints, demands and limits are: names do not count.
 
-    Raises `InvalidInput` where the waypoints do not fit the limits, are not finite, or do not move.
+    Raises `InvalidInput` where the waypoints do not fit the limits, are not finite, or do not move,
+    and where a demand does not fit waypoints and limits.
     """
 
     waypoints: Array
     limits: Limits
+    demands: Mapping[str, Array]
     name: str = "unnamed"
     source: str = ""
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
-    route: ClassVar[Route]  # of the waypoints
+    route: ClassVar[Route]  # of the waypoints and demands
 
     def __init__(
         self,
@@ -53,13 +58,17 @@ class Problem:
         source: str = "",
         joint_names: Sequence[str] = (),
         joint_units: Sequence[str] = (),
-        **unknown: Any,
+        demands: Mapping[str, Any] = NOTHING,
+        **by_key: Any,
     ) -> None:
-        for key in unknown:
-            known = "waypoints, limits, name, source, joint_names and joint_units"
-            raise WrongType(f"Problem takes no {key}: {out_of_scope(key) or f'it has {known}'}")
-        route = Route(waypoints)
+        for key in by_key:
+            if key not in DEMANDS:
+                fields = "waypoints, limits, name, source, joint_names, joint_units"
+                known = f"{fields}, {', '.join(DEMANDS)}"
+                raise WrongType(f"Problem takes no {key}: {out_of_scope(key) or f'it has {known}'}")
+        route = Route(waypoints, {**demands, **by_key})
         self.__dict__.update(
+            {key: route.demand(key) for key in DEMANDS},
             route=route,
             waypoints=route.waypoints,
             limits=limits,
@@ -67,12 +76,15 @@ class Problem:
             source=source,
             joint_names=tuple(joint_names),
             joint_units=tuple(joint_units),
+            demands=route.demands,
         )
         if limits.joints != self.joints:
             expected = f"{self.joints} values, one per joint of the waypoints"
             raise InvalidInput("limits.velocity", expected, value=limits.joints)
         _check_joint_units(self.joint_units, self.joints)
         self._check_waypoints()
+        for key, numbers in route.demands.items():
+            DEMANDS[key].check(numbers, route.demands, limits)
         if self.joint_names:
             check_joint_names(self.joint_names, self.joints)
 
@@ -87,7 +99,8 @@ class Problem:
     def __repr__(self) -> str:
         limits = ", ".join(self.limits.kinds)
         size = f"{len(self.waypoints)} waypoints, {self.joints} joint{'s' * (self.joints > 1)}"
-        return f"Problem({self.name!r}, {size}, limits: {limits})"
+        demands = f", demands: {', '.join(self.demands)}" if self.demands else ""
+        return f"Problem({self.name!r}, {size}, limits: {limits}{demands})"
 
     @property
     def joints(self) -> int:
@@ -139,12 +152,21 @@ class Problem:
         `times[index]` expands the merged problem's waypoint times to this one's.
         """
         route, index = self.route.merged()
-        merged = self if route is self.route else replace(self, waypoints=route.waypoints)
-        return merged, index
+        return self if route is self.route else self.along(route), index
+
+    def along(self, route: Route) -> Problem:
+        """This problem along another route of its joints."""
+        return replace(self, waypoints=route.waypoints, demands=route.demands)
 
     def without(self, *names: str) -> Problem:
-        """This problem with the named limits lifted: a relaxation of it."""
-        return replace(self, limits=self.limits.without(*names)) if names else self
+        """This problem with the named limits lifted, and without the named demands.
+
+        It is a relaxation of it where only limits are named.
+        """
+        if not names:
+            return self
+        left = {key: own for key, own in self.demands.items() if key not in names}
+        return replace(self, limits=self.limits.without(*names), demands=left)
 
     def only(self, joints: ArrayLike) -> Problem:
         """The problem of some joints, by index (from 0) or mask: a relaxation of it.
@@ -152,14 +174,18 @@ class Problem:
         Raises:
             InvalidInput: None of these joints moves.
         """
-        chosen = np.asarray(joints)
-        kept = np.arange(self.joints)[chosen]
+        kept = np.arange(self.joints)[np.asarray(joints)]
         own = {"joint_names": self.joint_names, "joint_units": self.joint_units}
         described: dict[str, Any] = {}
         for name, values in own.items():
             described[name] = [values[joint] for joint in kept if values]
+        route = self.route.only(kept)
         return replace(
-            self, waypoints=self.waypoints[:, chosen], limits=self.limits.only(chosen), **described
+            self,
+            waypoints=route.waypoints,
+            limits=self.limits.only(kept),
+            demands=route.demands,
+            **described,
         )
 
     def has(self, key: str) -> bool:
@@ -177,9 +203,11 @@ class Problem:
         digest = hashlib.sha256()
         always = self.limits.by_name()
         # Whatever is not there by default counts only where it is there.
-        others = {key: own for key, own in self.limits.kinds.items() if key not in always}
+        kinds = self.limits.kinds
+        others = {key: own.numbers for key, own in kinds.items() if key not in always}
+        others |= self.demands
         parts = [("", self.waypoints), *(("", pairs) for pairs in always.values())]
-        parts += [(key, others[key].numbers) for key in sorted(others)]
+        parts += [(key, others[key]) for key in sorted(others)]
         for key, array in parts:
             numbers = (array + 0.0).astype("<f8")  # −0.0 is 0.0
             digest.update(key.encode())

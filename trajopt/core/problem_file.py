@@ -16,6 +16,12 @@
     deceleration = [6.0, inf]
     position = [[-2.75, 2.75], [-inf, inf]]
 
+What else is asked of the way stands beside the waypoints (`trajopt.core.demand.DEMANDS`), in the
+unit of the limits where it is a rate, else in that of the waypoints:
+
+    start_velocity = [0.5, 0]            # optional: one number per joint; also end_velocity, and
+                                         # with jerk limits start_acceleration, end_acceleration
+
 A known robot has its limits and joint names in its own file (`arm_file`). Limits in the problem
 file replace the robot's of the same kind, and joint names choose from the robot's joints:
 
@@ -42,6 +48,8 @@ import numpy as np
 
 from trajopt.core import arm_file, files
 from trajopt.core.arm_file import Arm
+from trajopt.core.arrays import Array
+from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
 from trajopt.core.limits import KINDS, Limit, Limits
@@ -59,6 +67,7 @@ _KEYS = (
     "angle_unit",
     "units",
     "waypoints",
+    *DEMANDS,
     "limits",
     "published",
 )
@@ -87,7 +96,7 @@ def read(path: Path, make: Callable[..., Problem]) -> Problem:
 def units(path: Path) -> list[str]:
     """The unit of each joint's waypoints in a problem file, as `read` reads them."""
     table = files.toml(path, "problem")
-    said = _said_units(table, limits_given="limits" in table)
+    said = _said_units(table)
     return _units(said, waypoint_table(table["waypoints"]).shape[1])["waypoints"]
 
 
@@ -100,7 +109,12 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         raise InvalidInput("limits", "a table of limits", value=given)
     check_keys("limits.", given, tuple(KINDS), () if arm else ("acceleration", "velocity"))
     waypoints = waypoint_table(table["waypoints"])
-    said = _said_units(table, limits_given=bool(given))
+    demands = {
+        key: demand.read(table[key], *waypoints.shape)
+        for key, demand in DEMANDS.items()
+        if key in table
+    }
+    said = _said_units(table)
     units = _units(said, waypoints.shape[1])
     kinds = ["m" if unit in LENGTHS else "rad" for unit in units["waypoints"]]
     names = files.names_at(table, "joint_names")
@@ -125,6 +139,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         size[key] = np.array(sizes)
     scaled = written.scaled(size["limits"]).kinds
     kept = {key: own for key, own in of_robot.items() if key not in given}
+    demands = {key: own * _unit_size(DEMANDS[key], size) for key, own in demands.items()}
     units_known = arm is not None or list in map(type, said.values())
     problem = make(
         waypoints * size["waypoints"],
@@ -133,6 +148,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         source=text_at(table, "source", arm.description if arm else ""),
         joint_names=names,
         joint_units=kinds if units_known else (),
+        demands=demands,
     )
     if "units" not in table:
         as_written = problem.limits.scaled(1 / size["limits"])
@@ -177,19 +193,30 @@ def text(problem: Problem, units: Sequence[str] = ()) -> str:
     table["waypoints"] = problem.waypoints.tolist()
     unit = list(problem.joint_units) if "m" in problem.joint_units else "rad"
     table["units"] = dict.fromkeys(_UNIT_KEYS, unit)
+    size = {key: np.ones(problem.joints) for key in _UNIT_KEYS}
     if "deg" in units:
-        sizes = [UNITS[own] for own in units]
-        table["waypoints"] = np.round(problem.waypoints / sizes, 12).tolist()
+        size["waypoints"] = np.array([UNITS[own] for own in units])
+        table["waypoints"] = np.round(problem.waypoints / size["waypoints"], 12).tolist()
         table["units"]["waypoints"] = "deg" if len(set(units)) == 1 else list(units)
+    for key, numbers in problem.demands.items():
+        demand = DEMANDS[key]
+        table[key] = demand.table(numbers / _unit_size(demand, size))
     table["limits"] = {key: own.table() for key, own in problem.limits.kinds.items()}
     return tomli_w.dumps(table)
 
 
-def _said_units(table: Mapping[str, Any], *, limits_given: bool) -> dict[str, Any]:
+def _unit_size(demand: Demand, size: Mapping[str, Array]) -> Array:
+    """The unit of a demand's numbers in SI: a rate counts in that of the limits."""
+    return demand.unit_size(size["limits" if demand.time else "waypoints"])
+
+
+def _said_units(table: Mapping[str, Any]) -> dict[str, Any]:
     """The units of waypoints and limits as written: a text, or a list with one per joint.
 
-    A file without limits of its own needs no unit for them.
+    A file without limits and rates of its own needs no unit for them.
     """
+    rates = [key for key, own in DEMANDS.items() if own.length and own.time and key in table]
+    limits_given = bool(table.get("limits") or rates)
     if "units" not in table:
         unit = table.get("angle_unit")
         if unit not in tuple(ANGLES):

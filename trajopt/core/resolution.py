@@ -12,8 +12,6 @@ waypoints are exact.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from trajopt.core.arrays import Array, Bools
@@ -62,7 +60,7 @@ def thinned(problem: Problem) -> Problem:
     missing = spared(problem)
     if not missing.any():
         return problem
-    return replace(problem, waypoints=problem.waypoints[~missing])
+    return problem.along(problem.route.at(~missing))
 
 
 def _in_line(steps: Array, rounding: Array) -> Bools:

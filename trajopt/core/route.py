@@ -2,39 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.tables import frozen, waypoint_table
 
 # A coordinate is known to some units in its last place.
 COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+"""No demand beside the waypoints."""
+
+
+class State(NamedTuple):
+    """Velocity, rad/s, and acceleration, rad/s², of the joints, `(joints,)` each."""
+
+    velocity: Array
+    acceleration: Array
+
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Waypoints to pass exactly and in order, all joints at the same time, from rest to rest.
+    """Waypoints to pass exactly and in order, all joints at the same time, and further demands.
 
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. Consecutive identical
     waypoints are one waypoint, passed once; waypoints that differ by no more than rounding are
-    identical. As it begins and ends at rest, a motion along it may be slowed down.
+    identical.
 
-    Raises `InvalidInput` where the waypoints are not finite, or do not move.
+    `demands` has what else is asked, by its key (`trajopt.core.demand.DEMANDS`), in rad (or m) and
+    s. What asks nothing is left out: without demands, a motion begins and ends at rest.
+
+    Raises `InvalidInput` where the waypoints are not finite, or do not move, and where a demand has
+    numbers of another shape.
     """
 
     waypoints: Array
+    demands: Mapping[str, Array]
 
-    def __init__(self, waypoints: ArrayLike | Sequence[Any]) -> None:
+    def __init__(
+        self,
+        waypoints: ArrayLike | Sequence[Any],
+        demands: Mapping[str, Any] = NOTHING,
+    ) -> None:
         self.__dict__["waypoints"] = frozen(waypoint_table(waypoints))
         if not self._differing[1:].any():
             raise InvalidInput("waypoints", "at least two different ones; these never move")
+        size = self.waypoints.shape
+        read = {}
+        for key, demand in DEMANDS.items():
+            if key in demands:
+                own = demand.read(demands[key], *size)
+                if not np.array_equal(own, demand.none(*size), equal_nan=True):
+                    read[key] = own
+        self.__dict__["demands"] = read
 
     @property
     def joints(self) -> int:
@@ -44,6 +73,27 @@ class Route:
     def segments(self) -> int:
         return len(self.waypoints) - 1
 
+    def demand(self, key: str) -> Array:
+        """The numbers of a demand, those that ask nothing where it is not made."""
+        if key in self.demands:
+            return self.demands[key]
+        return DEMANDS[key].none(*self.waypoints.shape)
+
+    @property
+    def start(self) -> State:
+        """The state in which the motion begins."""
+        return State(self.demand("start_velocity"), self.demand("start_acceleration"))
+
+    @property
+    def end(self) -> State:
+        """The state in which the motion ends."""
+        return State(self.demand("end_velocity"), self.demand("end_acceleration"))
+
+    @property
+    def dilatable(self) -> bool:
+        """Whether a motion along it, slowed down, is one too."""
+        return all(DEMANDS[key].dilatable for key in self.demands)
+
     @property
     def displacements(self) -> Array:
         """`h_k = q_k − q_{k−1}`, `(segments, joints)`, rad."""
@@ -52,14 +102,18 @@ class Route:
     @property
     def moving(self) -> Bools:
         """Which joints move at all, `(joints,)`."""
-        return np.any(self.displacements, axis=0)
+        found = np.any(self.displacements, axis=0)
+        for key, numbers in self.demands.items():
+            if DEMANDS[key].moves:
+                found = found | (numbers != 0)
+        return found
 
     @cached_property
     def largest_displacements(self) -> Array:
         """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
         distances = np.abs(self.displacements)
         own = distances.max(axis=0)
-        return np.where(self.moving, own, distances.max())
+        return np.where(own > 0, own, distances.max())
 
     @cached_property
     def rounding(self) -> Array:
@@ -71,7 +125,36 @@ class Route:
         """This route with consecutive identical waypoints merged, and where each one went."""
         differs = self._differing
         index = np.cumsum(differs) - 1
-        return self if differs.all() else Route(self.waypoints[differs]), index
+        return self if differs.all() else self.at(differs), index
+
+    def at(self, kept: Bools) -> Route:
+        """The route through some of its waypoints, `(waypoints,)`."""
+        own = {key: DEMANDS[key].at(values, kept) for key, values in self.demands.items()}
+        return Route(self.waypoints[kept], own)
+
+    def only(self, joints: Indices) -> Route:
+        """The route of some joints, by index."""
+        own = {key: DEMANDS[key].of_joints(values, joints) for key, values in self.demands.items()}
+        return Route(self.waypoints[:, joints], own)
+
+    def in_units(self, time: float, lengths: Array | float) -> Route:
+        """The route where times count in `time`, s, and positions in `lengths`, rad.
+
+        `lengths` is one for all joints, or one per joint, `(joints,)`.
+        """
+        own = {
+            key: values / DEMANDS[key].unit_size(lengths, time)
+            for key, values in self.demands.items()
+        }
+        return Route(self.waypoints / lengths, own)
+
+    def reversed(self) -> Route:
+        """The route of the same motions where time runs backwards."""
+        own = {}
+        for key, values in self.demands.items():
+            demand = DEMANDS[key]
+            own[demand.when_reversed or key] = demand.backwards(values)
+        return Route(self.waypoints[::-1], own)
 
     @cached_property
     def _differing(self) -> Bools:

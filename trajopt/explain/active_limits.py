@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -146,7 +146,7 @@ def stretches(
 def relaxed(problem: Problem, joint: int | None, limit: str, by: float = RELAXED_SHARE) -> Problem:
     """Return the problem with one limit of one joint wider by a fraction (of a position range)."""
     wider = problem.limits.widened(limit, joint, by)
-    return Problem(problem.waypoints, wider, problem.name)
+    return replace(problem, limits=wider)
 
 
 def share_at_limits(

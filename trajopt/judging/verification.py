@@ -15,12 +15,13 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidTrajectory, WrongType, shown
+from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, shown
 from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
+_JUDGED: tuple[str, ...] = ()  # demands
 NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 
@@ -207,6 +208,11 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
 
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
     check_problem(problem)
+    for key in problem.demands:
+        if key not in _JUDGED:
+            raise InvalidInput(
+                key, "this left out: it is not judged yet", value=problem.demands[key]
+            )
     if not isinstance(trajectory, Trajectory):
         raise WrongType(
             f"expected a trajopt.Trajectory, got {shown(trajectory)}: `judge` takes SciPy's "

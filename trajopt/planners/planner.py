@@ -29,6 +29,7 @@ from functools import cached_property, wraps
 from types import FunctionType
 from typing import Any, cast, get_type_hints
 
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
@@ -44,7 +45,7 @@ class Relation(Enum):
 
 
 def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
-    """Wrap `unsupported` to refuse kinds of limits that the planner does not know, too."""
+    """Wrap `unsupported` to refuse limits and demands that the planner does not know, too."""
 
     @wraps(unsupported)
     def checked(self: Planner, problem: Problem) -> str | None:
@@ -56,7 +57,7 @@ def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
 def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap `solve` or `solve_batch` to answer `unsupported` where the planner refuses a problem.
 
-    Kinds of limits that it may leave out are not shown to it; the message says that they are not.
+    Limits and demands that it may leave out are not shown to it; the message says which limits.
     Anything but a `Problem` is a `WrongType` for every planner.
     """
 
@@ -66,7 +67,8 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
         reason = self.unsupported(problem)
         if reason is None:
             left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
-            answer = solve(self, problem.without(*left_out), *seeds, **keywords)
+            seen = problem.without(*left_out, *self.unknown_demands(problem))
+            answer = solve(self, seen, *seeds, **keywords)
             if not left_out:
                 return answer
             kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
@@ -104,11 +106,14 @@ class Planner(ABC):
         requires: Modules that `solve` imports, from packages that may be missing: looked for before
             the planner is listed, and imported before its time is taken.
         extra: The extra of this package that installs them, if there is one.
-        knows: Kinds of limits that it plans for, by their keys. A problem with another kind is
-            unsupported, unless that kind is `forgiven` (`trajopt.core.limits.Limit`): the verifier
-            dilates an answer that breaks it, or finds it outside its position limits.
+        knows: Kinds of limits that it plans for, and demands on the way beside the waypoints, by
+            their keys. A problem with another kind is unsupported, unless that kind is `forgiven`
+            (`trajopt.core.limits.Limit`): the verifier dilates an answer that breaks it, or finds
+            it outside its position limits. A problem with another demand is unsupported, unless
+            every motion without it keeps it (`trajopt.core.demand.Demand.left_out`).
         drops: Whether it leaves out the kinds that it does not know, whichever they are, and says
-            so: what it proves of fewer limits holds under all.
+            so: what it proves of fewer limits holds under all. It leaves out demands too, without
+            which a problem is a relaxation.
     """
 
     stochastic: bool = False
@@ -162,8 +167,13 @@ class Planner(ABC):
     def unsupported(self, problem: Problem) -> str | None:
         """Return why it cannot solve this problem, from a quick look; None if it can.
 
-        A planner's own reasons come after the kinds of limits that it does not know.
+        A planner's own reasons come after the limits and demands that it does not know.
         """
+        harmless = "relaxation" if self.drops else "restriction"
+        demands = self.unknown_demands(problem)
+        asked = [DEMANDS[key].name for key in demands if DEMANDS[key].left_out != harmless]
+        if asked:
+            return f"it does not know {' and '.join(asked)}"
         limits = problem.limits.kinds
         refused = [limits[key].name() for key in self.unknown(problem) if not limits[key].forgiven]
         if self.drops or not refused:
@@ -173,6 +183,10 @@ class Planner(ABC):
     def unknown(self, problem: Problem) -> list[str]:
         """Return the kinds of the problem's limits that it does not plan for, by their keys."""
         return [key for key in problem.limits.kinds if key not in self.knows]
+
+    def unknown_demands(self, problem: Problem) -> list[str]:
+        """Return the demands of the problem that it does not plan for, by their keys."""
+        return [key for key in problem.demands if key not in self.knows]
 
     def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
         """Return the fastest timing of a given trajectory's path; by default unsupported."""

@@ -88,8 +88,9 @@ class OwnUnits(Reduction):
 
     def apply(self, problem: Problem) -> Problem:
         second, length = self._units(problem)
+        route = problem.route.in_units(second, length)
         limits = problem.limits.in_units(second, length)
-        return replace(problem, waypoints=problem.waypoints / length, limits=limits)
+        return replace(problem, waypoints=route.waypoints, limits=limits, demands=route.demands)
 
     def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
         second, length = self._units(problem)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from trajopt.core.arrays import Array
+from trajopt.core.demand import DEMANDS
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import thinned
@@ -33,12 +34,17 @@ def end_to_end_bound(problem: Problem) -> float:
     """Return a lower bound on the duration in closed form, s (docs/mathematics.md, section 11).
 
     The longer of two relaxations: every joint alone, straight from the first to the last waypoint
-    (the optimum itself where there are two waypoints and jerk limits are symmetric); and every
-    segment at full velocity. Position limits are lifted, and waypoints that rounding may miss are
-    left out.
+    (the optimum itself where there are two waypoints and jerk limits are symmetric), if the motion
+    is from rest to rest; and every segment at full velocity. Position limits are lifted, and
+    waypoints that rounding may miss are left out. 0 where a demand widens the problem.
     """
+    left_out = [DEMANDS[key].left_out for key in problem.demands]
+    if "restriction" in left_out:
+        return 0.0
     way = problem.waypoints[-1] - problem.waypoints[0]
     straight = _alone(way[None], problem.limits, _wider)
+    if "" in left_out:  # it may begin or end in motion
+        straight = np.zeros(1)
     # |h|/V, each joint in the direction of its displacement
     backward, forward = problem.limits.velocity.T
     merged, _ = problem.merged()

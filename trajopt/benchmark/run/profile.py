@@ -14,6 +14,7 @@ from typing import Any
 from trajopt.benchmark.provenance import Code
 from trajopt.benchmark.trial import Configuration, Entrant
 from trajopt.core import exceptions
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
@@ -33,6 +34,7 @@ class Profile:
         stochastic, may_be_stochastic, batched, on_request: As of a `Planner`.
         description: One line.
         knows: Kinds of limits that it plans for.
+        demands: Demands on the way that it plans for.
         missing: Why it cannot run here, with the command that mends it, or None.
         refusals: Why it cannot solve a problem, or None, by the problem's digest.
         relations: How its answers relate to the optimum, by the problem's digest.
@@ -46,6 +48,7 @@ class Profile:
     on_request: bool
     description: str
     knows: Sequence[str]
+    demands: Sequence[str]
     missing: str | None
     refusals: Mapping[str, str | None]
     relations: Mapping[str, Relation | None]
@@ -94,6 +97,7 @@ class Profile:
             on_request=table["on_request"] is True,
             description=_line(table["description"]),
             knows=[name for name in LIMIT_NAMES if name in table["knows"]],
+            demands=[key for key in DEMANDS if key in table["knows"]],
             missing=missing if missing is None else str(missing),
             refusals={digest: own and str(own) for digest, own in table["refusals"].items()},
             relations={

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.trial import well_formed
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.files import check_keys
 from trajopt.core.harmless import harmless
@@ -188,6 +189,8 @@ def problem_table(problem: Problem) -> dict[str, Any]:
         "waypoints": problem.waypoints.tolist(),
         "limits": limits,
     }
+    for key, numbers in problem.demands.items():
+        table[key] = DEMANDS[key].table(numbers)
     if problem.joint_units:
         table["joint_units"] = pack(problem.joint_units)
     return table
@@ -206,15 +209,22 @@ def problem_of(table: Any) -> Problem:
     Raises:
         ValueError, TypeError: The table holds no problem, or another digest than its numbers'.
     """
-    check_table("problem", table, _PROBLEM, optional=["joint_units"])
+    check_table("problem", table, _PROBLEM, optional=["joint_units", *DEMANDS])
     joint_names = table["joint_names"]
     joint_units = table.get("joint_units", [])
     for text in (table["name"], table["source"], *joint_names, *joint_units):
         if not isinstance(text, str):
             raise Malformed(f"problem: expected text, found {text!r:.80}")
     limits = Limits(**{key: _limit(key, rows) for key, rows in table["limits"].items()})
+    demands = {key: table[key] for key in DEMANDS if key in table}
     problem = Problem(
-        table["waypoints"], limits, table["name"], table["source"], joint_names, joint_units
+        table["waypoints"],
+        limits,
+        table["name"],
+        table["source"],
+        joint_names,
+        joint_units,
+        demands,
     )
     if table["digest"] != problem.digest():
         right = f"{problem.digest()}, that of its numbers"

@@ -1,6 +1,6 @@
 """What `results.h5` holds for people: groups, datasets and attributes by their names.
 
-    /problems/<name>/                     waypoints, limits/<kind>
+    /problems/<name>/                     waypoints, start_velocity and other demands, limits/<kind>
     /runs/<problem>/<label>/<seed>/       the verdict, as attributes
         trajectory/                       breaks, coefficients, lengths, waypoint_times
         history/                          evaluations, duration
@@ -24,6 +24,7 @@ from trajopt.benchmark.store import fields
 from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.store.fields import FIELDS, Field
 from trajopt.benchmark.trial import Trial
+from trajopt.core.demand import DEMANDS
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 
@@ -44,7 +45,9 @@ VERDICT = (
 """Fields that are attributes of a run too."""
 
 PROBLEM_NAMES = {
-    "waypoints": "positions to pass in order, from rest to rest, (waypoints, joints)",
+    "waypoints": "positions to pass in order, from rest to rest unless a demand says otherwise, "
+    "(waypoints, joints)",
+    **{key: f"if asked: {demand.meaning}" for key, demand in DEMANDS.items()},
     "limits/<kind>": "lowest and highest value of each joint, (joints, 2); infinite: no limit",
 }
 RUN_NAMES = {
@@ -127,7 +130,12 @@ def _problem(problem: Problem) -> Group:
         key: Data(own.numbers, _ascii(own.unit(problem)))
         for key, own in problem.limits.kinds.items()
     }
-    waypoints = Data(problem.waypoints, problem.shared_unit())
+    length = problem.shared_unit()
+    demands: dict[str, Group | Data] = {
+        key: Data(numbers, _ascii(DEMANDS[key].unit(length)))
+        for key, numbers in problem.demands.items()
+    }
+    waypoints = Data(problem.waypoints, length)
     about = {
         "name": problem.name,
         "source": problem.source,
@@ -135,7 +143,8 @@ def _problem(problem: Problem) -> Group:
         "joint_names": list(problem.joint_labels),
         "joint_units": [problem.unit(joint) for joint in range(problem.joints)],
     }
-    return Group({"waypoints": waypoints, "limits": Group(limits)}, pack(about))
+    members = {"waypoints": waypoints, **demands, "limits": Group(limits)}
+    return Group(members, pack(about))
 
 
 def _ascii(unit: str) -> str:

@@ -1,0 +1,218 @@
+"""What may be asked of the way beside its waypoints: each demand declared once, in `DEMANDS`.
+
+Problem files, Python, digests, stored texts, HDF5 and messages iterate over the declarations. A new
+demand is one more declaration; one that is written in a form of its own is a subclass that
+overrides `read` and `table`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import is_number
+from trajopt.core.tables import frozen, is_list
+
+if TYPE_CHECKING:
+    from trajopt.core.limits import Limits
+
+Axis = Literal["waypoints", "segments", "joints"]
+_EACH = {"waypoints": "waypoint", "segments": "segment", "joints": "joint"}
+_PER_TIME = {0: "", -1: "/s", -2: "/s²"}
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A kind of demand on the way. Its numbers are SI: rad (or m) and s.
+
+    Attributes:
+        key: Its name in problem files, Python, JSON and HDF5.
+        meaning: What it asks, for people.
+        axes: What its numbers are for: `()` is one number for all.
+        length: Power of length in its unit; a joint's own length where it is for joints.
+        time: Power of time in its unit.
+        default: The number that asks nothing.
+        example: A line of a problem file, for the UR5e and four waypoints.
+        when_reversed: Its key where time runs backwards; its own by default.
+        moves: Whether a number that is not 0 moves a joint that would stay where it is.
+        dilatable: Whether a motion that keeps it, slowed down, keeps it too.
+        left_out: What a problem without it is: "restriction" where its motions keep the demand
+            anyway, "relaxation" where they may not, but the optimum is a lower bound. Empty: it
+            must not be left out.
+    """
+
+    key: str
+    meaning: str
+    axes: tuple[Axis, ...]
+    length: int = 0
+    time: int = 0
+    default: float = 0.0
+    example: str = ""
+    when_reversed: str = ""
+    moves: bool = False
+    dilatable: bool = True
+    left_out: Literal["", "restriction", "relaxation"] = ""
+
+    def shape(self, waypoints: int, joints: int) -> tuple[int, ...]:
+        """The shape of its numbers, on a way of so many waypoints and joints."""
+        sizes = {"waypoints": waypoints, "segments": waypoints - 1, "joints": joints}
+        return tuple(sizes[axis] for axis in self.axes)
+
+    def none(self, waypoints: int, joints: int) -> Array:
+        """Numbers that ask nothing."""
+        return frozen(np.full(self.shape(waypoints, joints), self.default))
+
+    # --- read and written ---
+
+    def read(self, value: Any, waypoints: int, joints: int) -> Array:
+        """The numbers that a person wrote in a problem file or in Python, `shape`.
+
+        Raises:
+            InvalidInput: Names the key, the joint, the value, and what would be right.
+        """
+        return frozen(self._numbers(self.key, value, self.shape(waypoints, joints)))
+
+    def table(self, numbers: Array) -> Any:
+        """What `read` reads, in the terms of TOML and JSON."""
+        return numbers.tolist()
+
+    def _numbers(self, key: str, value: Any, shape: tuple[int, ...]) -> Any:
+        if not shape:
+            if not self._is_right(value):
+                raise InvalidInput(key, self._right, value=value)
+            return value
+        axis = self.axes[len(self.axes) - len(shape)]
+        if not is_list(value) or len(value) != shape[0]:
+            parts = "numbers" if len(shape) == 1 else "rows"
+            raise InvalidInput(key, f"{shape[0]} {parts}, one per {_EACH[axis]}", value=value)
+        if len(shape) > 1:
+            rows = enumerate(value, start=1)
+            return [self._numbers(f"{key}, {_EACH[axis]} {i}", row, shape[1:]) for i, row in rows]
+        for index, item in enumerate(value):
+            if not self._is_right(item):
+                joint = index if axis == "joints" else None
+                own = key if axis == "joints" else f"{key}, {_EACH[axis]} {index + 1}"
+                raise InvalidInput(own, self._right, value=item, joint=joint)
+        return value
+
+    _right = "a finite number"
+
+    def _is_right(self, item: Any) -> bool:
+        return is_number(item)
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        """Raise `InvalidInput` where these numbers do not fit the limits, or the other demands."""
+
+    # --- the same demand, otherwise ---
+
+    def unit_size(self, lengths: Array | float = 1.0, time: float = 1.0) -> Array:
+        """Its unit in SI, where times count in `time` and lengths in `lengths`, one or one each."""
+        return np.asarray(lengths, dtype=float) ** self.length * time**self.time
+
+    def of_joints(self, numbers: Array, joints: Indices) -> Array:
+        """The numbers of some joints, by index."""
+        if "joints" not in self.axes:
+            return numbers
+        return np.take(numbers, joints, axis=self.axes.index("joints"))
+
+    def at(self, numbers: Array, kept: Bools) -> Array:
+        """The numbers where only some waypoints are left; segments that become one are added."""
+        if "waypoints" in self.axes:
+            return np.compress(kept, numbers, axis=self.axes.index("waypoints"))
+        if "segments" in self.axes:
+            axis = self.axes.index("segments")
+            return np.add.reduceat(numbers, np.flatnonzero(kept)[:-1], axis=axis)
+        return numbers
+
+    def backwards(self, numbers: Array) -> Array:
+        """The numbers where time runs backwards: those of `when_reversed`."""
+        sign = -1.0 if self.length and self.time % 2 else 1.0
+        along = (axis for axis, own in enumerate(self.axes) if own != "joints")
+        return sign * np.flip(numbers, axis=tuple(along))
+
+    # --- words ---
+
+    @property
+    def name(self) -> str:
+        """The demand in words."""
+        return self.key.replace("_", " ")
+
+    def unit(self, length: str) -> str:
+        """Its unit, where that of length is "rad", "m" or both."""
+        if not self.length:
+            return "s" if self.time else ""
+        return length + _PER_TIME[self.time]
+
+    def say(self, numbers: Array, length: str) -> str:
+        """The demand with its numbers, in words."""
+        shown = ", ".join(f"{number:.6g}" for number in np.ravel(numbers))
+        return " ".join(filter(None, [self.name, shown, self.unit(length)]))
+
+
+class _Acceleration(Demand):
+    """An acceleration at an end: of joints whose acceleration may not jump."""
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        for joint in np.flatnonzero((numbers != 0) & ~limits.jerk_limited).tolist():
+            right = "0, or a jerk limit: without one the acceleration may jump at the ends"
+            raise InvalidInput(self.key, right, value=numbers[joint], joint=joint)
+
+
+def _at_end(key: str, other: str, example: str, time: int, meaning: str) -> Demand:
+    return (Demand if time == -1 else _Acceleration)(
+        key=key,
+        meaning=meaning,
+        axes=("joints",),
+        length=1,
+        time=time,
+        example=f"{key} = {example}",
+        when_reversed=other,
+        moves=True,
+        dilatable=False,
+    )
+
+
+DEMANDS: Mapping[str, Demand] = {
+    demand.key: demand
+    for demand in (
+        _at_end(
+            "start_velocity",
+            "end_velocity",
+            "[0.2, 0, 0, 0, 0, 0]",
+            -1,
+            "velocity at the first waypoint, by default at rest",
+        ),
+        _at_end(
+            "end_velocity",
+            "start_velocity",
+            "[0, 0, 0, 0, 0, -0.1]",
+            -1,
+            "velocity at the last waypoint, by default at rest",
+        ),
+        _at_end(
+            "start_acceleration",
+            "end_acceleration",
+            "[1, 0, 0, 0, 0, 0]",
+            -2,
+            "with jerk limits: acceleration at the first waypoint",
+        ),
+        _at_end(
+            "end_acceleration",
+            "start_acceleration",
+            "[0, 0, 0, 0, 0, 1]",
+            -2,
+            "with jerk limits: acceleration at the last waypoint",
+        ),
+    )
+}
+"""Every demand by its key, in the order of problem files."""
+
+
+def names(keys: Iterable[str]) -> str:
+    """Demands in words: "start velocity and end velocity"."""
+    return " and ".join(DEMANDS[key].name for key in keys)
