@@ -558,15 +558,15 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
         ("timepoints", "times of waypoints are not given"),
         (
             "current_velocity",
-            "states at the ends have names of their own in this tool; the nearest is start_velocity,",
+            "in this tool; the nearest is start_velocity,",
         ),
         (
             "target_velocity",
-            "states at the ends have names of their own in this tool; the nearest is end_velocity,",
+            "in this tool; the nearest is end_velocity,",
         ),
         (
             "current_acceleration",
-            "states at the ends have names of their own in this tool; the nearest is start_acceleration,",
+            "in this tool; the nearest is start_acceleration,",
         ),
         ("minimum_duration", "a speed is not asked for"),
         ("minimum_time", "a speed is not asked for"),
@@ -575,7 +575,7 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
         ("per_section_max_velocity", "limits of a segment"),
         (
             "sd_start",
-            "states at the ends have names of their own in this tool; the nearest is start_velocity,",
+            "in this tool; the nearest is start_velocity,",
         ),
         ("min_velocity", "limits are under [limits]"),
         ("max_velocity", "limits are under [limits]"),
