@@ -3,10 +3,13 @@
     python -m experiments.gaps                       # every suite, more than an hour on two cores
     python -m experiments.gaps --quick               # six-axis alone
 
-It runs every registered planner but `certify`, with its default options, on every problem of a
-suite. Planners that search at random run with `SEEDS` seeds. A gap is to the problem's best known
-motion. The folder `--output` keeps the trials, and a second run adds only what is missing. Its
-files `gaps.csv` and `gaps.md` hold the table.
+It runs every registered planner with its default options on every problem of a suite; but not
+`certify`, which answers with another planner's motion, `smooth`, which is told a duration, and the
+libraries of optimisers, whose experiment is the arena. Planners that search at random run with
+`SEEDS` seeds. A gap is to the problem's best known motion. Where the planners of a suite do not
+support the same problems, a second column pairs them: the gap of one planner that supports most
+(the heading names it) on the problems of each line. The folder `--output` keeps the trials, and a
+second run adds only what is missing. Its files `gaps.csv` and `gaps.md` hold the table.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import cyclopts
+import numpy as np
 import pandas as pd
 
 from experiments.common.output import save_table, say
@@ -24,15 +28,36 @@ from trajopt.cli import console
 from trajopt.planners.registry import entries
 
 SEEDS = 3
+OTHERS = ("certify", "smooth", "mealpy", "pymoo", "nevergrad")
 TIMEOUT = 120.0  # s, of a trial
 PERCENT = 100
 
 
 def planners() -> list[str]:
-    """The names of those that can run here; `certify` answers with another planner's motion."""
+    """The names of those that run, and can run here."""
     return [
-        name for name, entry in entries().items() if name != "certify" and entry.missing() is None
+        name for name, entry in entries().items() if name not in OTHERS and entry.missing() is None
     ]
+
+
+def columns(suite: str, planners: pd.DataFrame) -> dict[str, pd.Series[str]]:
+    """The column of a suite, and the one that pairs its lines where their problems differ.
+
+    Args:
+        suite: Its name.
+        planners: The rows of `Results.planners()`.
+    """
+    rows = list(planners.itertuples())
+    found = {suite: [cell(row) for row in rows]}
+    if planners["there"].nunique() > 1:
+        yardstick = planners["yardstick"].iloc[0]
+        found[f"{suite}: {yardstick} there"] = [paired(row) for row in rows]
+    return {name: pd.Series(cells, planners.index) for name, cells in found.items()}
+
+
+def paired(row: Any) -> str:
+    """Median gap of the yardstick on the problems of a line, in percent."""
+    return "" if np.isnan(row.there) else f"{PERCENT * row.there:z.2f}"
 
 
 def cell(row: Any) -> str:
@@ -63,7 +88,7 @@ def main(
         jobs: Trials side by side.
         quick: The suite six-axis alone.
     """
-    columns = {}
+    table: dict[str, pd.Series[str]] = {}
     if quick:
         suite = ["six-axis"]
     for name in suite or catalogue.suites():
@@ -77,10 +102,8 @@ def main(
             timeout=TIMEOUT,
             progress=console.progress_line(),
         )
-        table = results.planners()
-        cells = [cell(row) for row in table.itertuples()]
-        columns[name] = pd.Series(cells, index=table.index)
-    wide = pd.DataFrame(columns).reindex(planners()).rename_axis("planner").fillna("")
+        table |= columns(name, results.planners())
+    wide = pd.DataFrame(table).reindex(planners()).rename_axis("planner").fillna("")
     save_table(wide, output / "gaps")
     print(wide.to_string())
 

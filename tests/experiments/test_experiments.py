@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import commands, families, rivals
+from experiments import commands, families, gaps, rivals
 from experiments.__main__ import questions
 from experiments.common.output import save_table
 from experiments.common.spread import spread
@@ -111,6 +111,29 @@ def test_rivals_are_run_as_documented_and_with_effort(tmp_path):
     assert gap["toppra, effort"] <= gap["toppra, documented"]
     # stopping everywhere, and the waypoints' velocities searched for
     assert 0 <= gap["ruckig-search, effort"] < 1 < gap["ruckig-search, documented"]
+
+
+def test_gaps_of_different_problems_are_paired():
+    """Where all lines have the same problems there is nothing to pair."""
+    table = pd.DataFrame(
+        {
+            "trials": [3, 1, 2],
+            "solved": [3, 0, 1],
+            "relaxed": [0, 0, 0],
+            "gap": [0.5, np.inf, 0.01],
+            "worst": [0.75, np.nan, 0.02],
+            "yardstick": ["stop"] * 3,
+            "there": [0.125, np.nan, 0.0625],
+        },
+        index=["swarm", "none", "stop"],
+    )
+    shown = pd.DataFrame(gaps.columns("edges", table))
+    assert shown.columns.tolist() == ["edges", "edges: stop there"]
+    assert shown.loc["swarm"].tolist() == ["50.00 (75.00)", "12.50"]
+    assert shown.loc["none"].tolist() == ["0 of 1", ""]
+    assert shown.loc["stop"].tolist() == ["1.00 (2.00); 1 of 2", "6.25"]
+    same = gaps.columns("edges", table.assign(there=0.0625))
+    assert list(same) == ["edges"]
 
 
 def test_families_lie_within_each_other(tmp_path, monkeypatch):
