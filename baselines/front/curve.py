@@ -137,4 +137,4 @@ def _of(problem: Problem, kept: Indices) -> Problem:
     """The problem of some waypoints: a relaxation."""
     chosen = np.zeros(len(problem.waypoints), dtype=bool)
     chosen[kept] = True
-    return problem.along(problem.route.at(chosen))
+    return problem.at(chosen)

@@ -43,6 +43,11 @@ class Smooth(Planner):
     requires = ("casadi",)
     knows = LIMIT_NAMES
 
+    def unsupported(self, problem: Problem) -> str | None:
+        if problem.limits.segments is not None:
+            return "it does not know limits of one segment"
+        return None
+
     def __post_init__(self) -> None:
         if self.measure not in ("jerk", "acceleration"):
             raise InvalidInput("measure", "'jerk' or 'acceleration'", value=self.measure)

@@ -17,7 +17,7 @@ import numpy as np
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import FrontPoint, unit
@@ -149,7 +149,11 @@ def front(
     if durations is not None and not len(durations):
         raise InvalidInput("durations", "at least one, s")
     given = catalogue.given(problem)
-    planner = cast(KnowsFront, _smooth(measure))
+    smooth = _smooth(measure)
+    reason = smooth.unsupported(given)
+    if reason is not None:
+        raise TrajoptError(f"{given.name} has no front here: {reason}")
+    planner = cast(KnowsFront, smooth)
     asked = None if durations is None else sorted(map(float, durations))
     return Front(given, measure, tuple(planner.front(given, asked, time_limit)))
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import LIMIT_ORDERS, Limits
 from trajopt.formats.motion import Motion
@@ -49,8 +50,11 @@ def evidence_of(
     samples = motion.samples
     if samples is None or samples.half_digits is None or len(samples.times) < 3:
         return None
-    if not options.noise and not _is_log(samples, limits):
+    if not options.noise and not _is_log(samples, limits.in_all_segments()):
         return None
+    if limits.segments is not None:
+        right = "limits that are the same in all segments, for a log, whose digits say less"
+        raise InvalidInput("limits.segment", right)
     log = Log(
         times=samples.times - samples.times[0],
         positions=samples.positions,

@@ -207,9 +207,9 @@ def _active_limits(problem: Problem, found: Explanation) -> str:
 
 def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:
     """Return the longest interval of each limit of each joint."""
-    longest: dict[tuple[int | None, str], ActiveLimit] = {}
+    longest: dict[tuple[int | None, str, int | None], ActiveLimit] = {}
     for interval in sorted(intervals, key=lambda own: own.start - own.end):
-        longest.setdefault((interval.joint, interval.limit), interval)
+        longest.setdefault((interval.joint, interval.limit, interval.segment), interval)
     return list(longest.values())
 
 
@@ -222,6 +222,8 @@ def _said(problem: Problem, interval: ActiveLimit) -> str:
     where = KINDS[interval.limit].name()
     if interval.joint is not None:
         where += f" of {problem.joint_labels[interval.joint]}"
+    if interval.segment is not None:
+        where += f" in segment {interval.segment + 1}"
     when = f"{interval.start:.2f}–{interval.end:.2f} s"
     milliseconds = 1000 * _saving(interval)
     return f"{where} at {when} ({milliseconds:.1f} ms)"

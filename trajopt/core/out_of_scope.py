@@ -53,8 +53,8 @@ _ELSEWHERE = {
         "end_velocity"
     ),
     r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
-        "limits of a segment are not in this tool; the nearest is a problem for each part with its "
-        "own limits, which begins and ends at rest"
+        "limits of one segment are tables [[limits.segment]] of a problem file here, each with "
+        "number (from 1) and velocity, acceleration or jerk"
     ),
     (
         r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"

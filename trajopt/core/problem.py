@@ -81,6 +81,10 @@ class Problem:
         if limits.joints != self.joints:
             expected = f"{self.joints} values, one per joint of the waypoints"
             raise InvalidInput("limits.velocity", expected, value=limits.joints)
+        if limits.segments not in (None, self.segments):
+            right = f"{self.segments} segments, as the waypoints have"
+            name = next(key for key, own in limits.kinds.items() if own.segments)
+            raise InvalidInput(f"limits.{name}", right, value=limits.segments)
         _check_joint_units(self.joint_units, self.joints)
         self._check_waypoints()
         for key, numbers in route.demands.items():
@@ -149,13 +153,23 @@ class Problem:
     def merged(self) -> tuple[Problem, Indices]:
         """This problem with consecutive identical waypoints merged, and where each one went.
 
-        `times[index]` expands the merged problem's waypoint times to this one's.
+        `times[index]` expands the merged problem's waypoint times to this one's. A segment between
+        two that are the same takes no time, and its own limits ask nothing.
         """
         route, index = self.route.merged()
-        return self if route is self.route else self.along(route), index
+        return self if route is self.route else self.at(np.diff(index, prepend=-1) > 0), index
+
+    def at(self, kept: Bools) -> Problem:
+        """This problem through some of its waypoints, `(waypoints,)`.
+
+        Where segments have limits of their own, those of a longer one are its last part's.
+        """
+        route = self.route.at(kept)
+        limits = self.limits.of_segments(np.flatnonzero(kept)[1:] - 1)
+        return replace(self, waypoints=route.waypoints, demands=route.demands, limits=limits)
 
     def along(self, route: Route) -> Problem:
-        """This problem along another route of its joints."""
+        """This problem along another route of its joints, of as many segments."""
         return replace(self, waypoints=route.waypoints, demands=route.demands)
 
     def without(self, *names: str) -> Problem:
@@ -255,6 +269,11 @@ def check_problem(value: object) -> Problem:
         f"expected a trajopt.Problem, got {shown(value)}: make one with "
         "Problem(waypoints, Limits(velocity, acceleration)) or Problem.from_toml(file)"
     )
+
+
+def _arriving(kept: Bools) -> Indices:
+    """The segments that end at these waypoints, but for the first one."""
+    return np.flatnonzero(kept)[1:] - 1
 
 
 def _check_joint_units(units: Sequence[str], joints: int) -> None:

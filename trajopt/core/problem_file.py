@@ -16,6 +16,10 @@
     deceleration = [6.0, inf]
     position = [[-2.75, 2.75], [-inf, inf]]
 
+    [[limits.segment]]                   # optional: one segment's own velocity, acceleration, jerk
+    number = 1                           # from 1: between the first waypoint and the second
+    velocity = [0.5, 0.6]                # in place of [limits], also where it is larger
+
 What else is asked of the way stands beside the waypoints (`trajopt.core.demand.DEMANDS`), in the
 unit of the limits where it is a rate, else in that of the waypoints:
 
@@ -52,7 +56,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
-from trajopt.core.limits import KINDS, Limit, Limits
+from trajopt.core.limits import KINDS, Limit, Limits, segment_tables
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 
@@ -107,7 +111,8 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     given = table.get("limits", {})
     if not isinstance(given, Mapping):
         raise InvalidInput("limits", "a table of limits", value=given)
-    check_keys("limits.", given, tuple(KINDS), () if arm else ("acceleration", "velocity"))
+    known = (*KINDS, segment_tables.KEY)
+    check_keys("limits.", given, known, () if arm else ("acceleration", "velocity"))
     waypoints = waypoint_table(table["waypoints"])
     demands = {
         key: demand.read(table[key], *waypoints.shape)
@@ -115,6 +120,8 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         if key in table
     }
     said = _said_units(table)
+    of_segments = given.get(segment_tables.KEY, [])
+    given = {key: value for key, value in given.items() if key != segment_tables.KEY}
     units = _units(said, waypoints.shape[1])
     kinds = ["m" if unit in LENGTHS else "rad" for unit in units["waypoints"]]
     names = files.names_at(table, "joint_names")
@@ -133,6 +140,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     if written.joints != len(kinds):
         right = f"{len(kinds)} values, one per joint of the waypoints"
         raise InvalidInput("limits.velocity", right, value=written.joints)
+    own_pairs = segment_tables.read(of_segments, len(waypoints) - 1, len(kinds))
     size = {}
     for key, own in units.items():
         sizes = [UNITS[unit] for unit in own]
@@ -140,10 +148,18 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     scaled = written.scaled(size["limits"]).kinds
     kept = {key: own for key, own in of_robot.items() if key not in given}
     demands = {key: own * _unit_size(DEMANDS[key], size) for key, own in demands.items()}
+    limits = Limits(**{**scaled, **kept})
+    if own_pairs:
+        of_joint = size["limits"][:, None]
+        rows = {
+            name: {segment: of_joint * pairs for segment, pairs in own.items()}
+            for name, own in own_pairs.items()
+        }
+        limits = segment_tables.with_segments(limits, rows, len(waypoints) - 1)
     units_known = arm is not None or list in map(type, said.values())
     problem = make(
         waypoints * size["waypoints"],
-        Limits(**{**scaled, **kept}),
+        limits,
         name=text_at(table, "name", path.stem),
         source=text_at(table, "source", arm.description if arm else ""),
         joint_names=names,
@@ -151,7 +167,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         demands=demands,
     )
     if "units" not in table:
-        as_written = problem.limits.scaled(1 / size["limits"])
+        as_written = problem.limits.in_all_segments().scaled(1 / size["limits"])
         mixed = mixed_units(waypoints, as_written.velocity, as_written.acceleration)
         if mixed:
             message = f"{path}: {mixed}; say units.waypoints and units.limits"
@@ -202,6 +218,9 @@ def text(problem: Problem, units: Sequence[str] = ()) -> str:
         demand = DEMANDS[key]
         table[key] = demand.table(numbers / _unit_size(demand, size))
     table["limits"] = {key: own.table() for key, own in problem.limits.kinds.items()}
+    of_segments = segment_tables.tables(problem.limits)
+    if of_segments:
+        table["limits"][segment_tables.KEY] = of_segments
     return tomli_w.dumps(table)
 
 

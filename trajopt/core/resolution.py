@@ -33,7 +33,7 @@ def spared(problem: Problem) -> Bools:
     """Return the waypoints that may be missed by their rounding, `(waypoints,)`.
 
     They lie between two brief steps, and are passed in line. The answer is one of the waypoints
-    alone; no limit counts.
+    alone; no limit counts, but where limits change at a waypoint, it is exact.
 
     Args:
         problem: without consecutive identical waypoints (`Problem.merged`).
@@ -48,6 +48,7 @@ def spared(problem: Problem) -> Bools:
     if inner.any():
         unit = np.maximum(largest, LEAST_SHARE * largest.max())
         found[1:-1] = inner & _in_line(steps / unit, rounding / unit)
+        found[1:-1] &= ~problem.limits.changes
     return found
 
 
@@ -60,7 +61,7 @@ def thinned(problem: Problem) -> Problem:
     missing = spared(problem)
     if not missing.any():
         return problem
-    return problem.along(problem.route.at(~missing))
+    return problem.at(~missing)
 
 
 def _in_line(steps: Array, rounding: Array) -> Bools:

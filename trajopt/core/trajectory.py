@@ -162,6 +162,10 @@ class Trajectory:
         end = np.where(following > 0, following, self.lengths[piece])
         return Trajectory(breaks, coefficients, self.waypoint_times, end - offset)
 
+    def segments_at(self, times: ArrayLike) -> Indices:
+        """Return the segment of each time, s, from 0; of a waypoint's the one that it begins."""
+        return np.searchsorted(self.waypoint_times[1:-1], np.asarray(times), side="right")
+
     @classmethod
     def of_segments(cls, segments: Iterable[tuple[Array, Array]]) -> Trajectory:
         """Put the segments between waypoints one after another.

@@ -36,6 +36,7 @@ class ActiveLimit:
         saving: The time saved, s, when that limit of that joint is 1 % wider (a position limit: by
             1 % of the range). It is the same in every interval of one limit. None where the relaxed
             problem has no answer.
+        segment: From 0, whose own limit it is; None where it is the same in all.
     """
 
     joint: int | None
@@ -43,6 +44,7 @@ class ActiveLimit:
     start: float
     end: float
     saving: float | None
+    segment: int | None = None
 
 
 class Stretch(NamedTuple):
@@ -66,16 +68,17 @@ def active_limits(
     if not found:
         return ()
     before = _duration(problem, trajectory, solver)
-    savings: dict[tuple[int | None, str], float | None] = {}
-    for joint, limit, _, _ in found:
-        if (joint, limit) in savings:
-            continue
-        after = _duration(relaxed(problem, joint, limit), trajectory, solver)
-        if before is None or after is None:
-            savings[joint, limit] = None
-        else:
-            savings[joint, limit] = before - after
-    rows = [ActiveLimit(*stretch, savings[stretch[:2]]) for stretch in found]
+    savings: dict[tuple[int | None, str, int | None], float | None] = {}
+    rows = []
+    for stretch in found:
+        joint, limit, start, end = stretch
+        segment = _segment(problem, trajectory, limit, start, end)
+        own = (joint, limit, segment)
+        if own not in savings:
+            wider = relaxed(problem, joint, limit, segment=segment)
+            after = _duration(wider, trajectory, solver)
+            savings[own] = None if before is None or after is None else before - after
+        rows.append(ActiveLimit(*stretch, savings[own], segment))
     return tuple(sorted(rows, key=_largest_saving_first))
 
 
@@ -127,25 +130,50 @@ def stretches(
     active: float = ACTIVE_SHARE,
     joined: float = _JOINED_RTOL,
 ) -> Iterator[Stretch]:
-    """Yield every interval with at least `active` of a limit in use, by limit and joint.
+    """Yield every interval with at least `active` of a limit in use, by limit, joint and segment.
 
     Interruptions shorter than `joined` times the duration are left out.
     """
     slack = joined * trajectory.duration
     for key, limit in problem.limits.kinds.items():
-        by_joint: dict[int | None, list[Interval]] = {}
+        found: dict[tuple[int, int], list[Interval]] = {}
         for interval in limit.active(trajectory, active):
-            by_joint.setdefault(interval.joint, []).append(interval)
-        for joint in sorted(by_joint, key=lambda joint: -1 if joint is None else joint):
-            starts = np.array([own.start for own in by_joint[joint]])
-            ends = np.array([own.end for own in by_joint[joint]])
+            segment = _segment(problem, trajectory, key, interval.start, interval.end)
+            own = (_number(interval.joint), _number(segment))
+            found.setdefault(own, []).append(interval)
+        for own in sorted(found):
+            starts = np.array([interval.start for interval in found[own]])
+            ends = np.array([interval.end for interval in found[own]])
             for start, end in joined_intervals(starts, ends, slack):
-                yield Stretch(joint, key, start, end)
+                yield Stretch(found[own][0].joint, key, start, end)
 
 
-def relaxed(problem: Problem, joint: int | None, limit: str, by: float = RELAXED_SHARE) -> Problem:
-    """Return the problem with one limit of one joint wider by a fraction (of a position range)."""
-    wider = problem.limits.widened(limit, joint, by)
+def _number(place: int | None) -> int:
+    """A joint or segment as a number to sort by: None comes first."""
+    return -1 if place is None else place
+
+
+def _segment(
+    problem: Problem, trajectory: Trajectory, limit: str, start: float, end: float
+) -> int | None:
+    """The segment, from 0, whose own limit is active then; None where all have the same."""
+    if problem.limits.kinds[limit].segments is None:
+        return None
+    return int(trajectory.segments_at((start + end) / 2))
+
+
+def relaxed(
+    problem: Problem,
+    joint: int | None,
+    limit: str,
+    by: float = RELAXED_SHARE,
+    segment: int | None = None,
+) -> Problem:
+    """Return the problem with one limit of one joint wider by a fraction (of a position range).
+
+    In one segment alone, from 0, where segments differ.
+    """
+    wider = problem.limits.widened(limit, joint, by, segment)
     return replace(problem, limits=wider)
 
 

@@ -107,9 +107,11 @@ class Explanation:
 
 
 def _row(active: ActiveLimit) -> dict[str, Any]:
+    of_segment = {} if active.segment is None else {"segment": active.segment + 1}
     return {
         "joint": None if active.joint is None else active.joint + 1,
         "limit": active.limit,
+        **of_segment,
         "from": active.start,
         "to": active.end,
         "worth": active.saving,

@@ -222,7 +222,7 @@ class _Search:
         unit = self.trajectory.pieces(self.order)
         varying = np.abs(unit[:-1]).sum(axis=0)
         kind: LimitName = "jerk" if self.order == 3 else "acceleration"
-        pairs = self.problem.limits.by_name()[kind]
+        pairs = self.problem.limits.in_all_segments().by_name()[kind]
         limit = np.abs(pairs).min(axis=1)
         usual = np.minimum(limit, np.abs(unit).max())
         return bool(np.all(varying.max(axis=0) <= CONSTANT_RTOL * usual))

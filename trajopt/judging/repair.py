@@ -390,7 +390,7 @@ def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -
 
 def _is_negligible(added: Array, layout: _Layout, problem: Problem) -> bool:
     """Return whether a correction uses next to no limit and moves joints less than rounding."""
-    limits = problem.limits.by_name()
+    limits = problem.limits.in_all_segments().by_name()
     for name, order in LIMIT_ORDERS.items():
         sizes = np.abs(limits[name])
         allowed = NEGLIGIBLE_USE * sizes.min(axis=1)
@@ -592,7 +592,7 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
     It is monotone between waypoints. Where both are on one limit it moves inwards and back, as far
     as half the acceleration limit allows.
     """
-    limits = problem.limits
+    limits = problem.limits.in_all_segments()
     low, high = limits.position.T
     sizes = np.abs(limits.acceleration)
     half = sizes.min(axis=1) / 2

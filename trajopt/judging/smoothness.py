@@ -119,7 +119,7 @@ def weights(problem: Problem) -> Array:
     """
     if len({problem.unit(joint) for joint in range(problem.joints)}) == 1:
         return np.ones(problem.joints)
-    return np.abs(problem.limits.acceleration).min(axis=1) ** -2.0
+    return np.abs(problem.limits.in_all_segments().acceleration).min(axis=1) ** -2.0
 
 
 def unit(problem: Problem, order: int) -> str:
@@ -172,8 +172,8 @@ def _jump(problem: Problem, trajectory: Trajectory, order: int) -> Jump | None:
     if order == 0:
         still = np.stack([starts[0], stops[-1]])
     else:
-        limits = (problem.limits.velocity, problem.limits.acceleration)[order - 1]
-        limit = np.abs(limits).min(axis=1)
+        known = problem.limits.in_all_segments()
+        limit = np.abs((known.velocity, known.acceleration)[order - 1]).min(axis=1)
         scale = limit * (np.abs(polynomials.bernstein(pieces)).max(axis=(0, 1)) / limit).max()
     jumps = np.abs(np.vstack([starts, still[1:]]) - np.vstack([still[:1], stops]))
     relative = np.nan_to_num(jumps / np.where(scale > 0, scale, 1.0), nan=np.inf)

@@ -303,7 +303,7 @@ class _Allowed:
 
 
 def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
-    limits = problem.limits
+    limits = problem.limits.in_all_segments()
     largest = problem.largest_displacements
     coordinates = problem.rounding
 

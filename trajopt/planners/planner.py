@@ -66,16 +66,14 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
         check_problem(problem)
         reason = self.unsupported(problem)
         if reason is None:
-            left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
-            seen = problem.without(*left_out, *self.unknown_demands(problem))
-            answer = solve(self, seen, *seeds, **keywords)
-            if not left_out:
+            shown, said = self._shown(problem)
+            answer = solve(self, shown, *seeds, **keywords)
+            if not said:
                 return answer
-            kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
             relaxed = self.relation(problem) is Relation.RELAXATION
             if solve.__name__ == "solve_batch":
-                return [_ignoring(kinds, own, relaxed=relaxed) for own in answer]
-            return _ignoring(kinds, answer, relaxed=relaxed)
+                return [_saying(said, own, relaxed=relaxed) for own in answer]
+            return _saying(said, answer, relaxed=relaxed)
         refusal = Solution(Status.UNSUPPORTED, message=reason)
         if solve.__name__ == "solve_batch":
             return [refusal for _ in seeds[0]]
@@ -84,9 +82,9 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     return checked
 
 
-def _ignoring(kinds: str, solution: Solution, *, relaxed: bool) -> Solution:
-    """Return the answer to a problem without these kinds of limits, as one to the whole problem."""
-    message = "; ".join(filter(None, [solution.message, f"{kinds} limits are left out"]))
+def _saying(said: Sequence[str], solution: Solution, *, relaxed: bool) -> Solution:
+    """Return the answer to the problem that a planner was shown, as one to the whole problem."""
+    message = "; ".join(filter(None, [solution.message, *said]))
     status = solution.status
     if relaxed and status is Status.SOLVED:
         status = Status.RELAXED
@@ -110,7 +108,9 @@ class Planner(ABC):
             their keys. A problem with another kind is unsupported, unless that kind is `forgiven`
             (`trajopt.core.limits.Limit`): the verifier dilates an answer that breaks it, or finds
             it outside its position limits. A problem with another demand is unsupported, unless
-            every motion without it keeps it (`trajopt.core.demand.Demand.left_out`).
+            every motion without it keeps it (`trajopt.core.demand.Demand.left_out`). "segment":
+            limits that differ from segment to segment; any other planner is shown the tightest of
+            all segments everywhere, and its message says so.
         drops: Whether it leaves out the kinds that it does not know, whichever they are, and says
             so: what it proves of fewer limits holds under all. It leaves out demands too, without
             which a problem is a relaxation.
@@ -187,6 +187,19 @@ class Planner(ABC):
     def unknown_demands(self, problem: Problem) -> list[str]:
         """Return the demands of the problem that it does not plan for, by their keys."""
         return [key for key in problem.demands if key not in self.knows]
+
+    def _shown(self, problem: Problem) -> tuple[Problem, list[str]]:
+        """The problem in limits that it takes, and what its message has to say of the others."""
+        left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
+        kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
+        said = [f"{kinds} limits are left out"] if left_out else []
+        shown = problem.without(*left_out, *self.unknown_demands(problem))
+        if shown.limits.segments and "segment" not in self.knows:
+            side = "widest" if self.drops else "tightest"
+            limits = shown.limits.in_all_segments(tightest=not self.drops)
+            shown = replace(shown, limits=limits)
+            said.append(f"planned with the {side} limits of all segments everywhere")
+        return shown, said
 
     def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
         """Return the fastest timing of a given trajectory's path; by default unsupported."""

@@ -42,13 +42,14 @@ def end_to_end_bound(problem: Problem) -> float:
     if "restriction" in left_out:
         return 0.0
     way = problem.waypoints[-1] - problem.waypoints[0]
-    straight = _alone(way[None], problem.limits, _wider)
+    straight = _alone(way[None], problem.limits.in_all_segments(tightest=False), _wider)
     if "" in left_out:  # it may begin or end in motion
         straight = np.zeros(1)
     # |h|/V, each joint in the direction of its displacement
-    backward, forward = problem.limits.velocity.T
     merged, _ = problem.merged()
-    h = thinned(merged).displacements
+    passed = thinned(merged)
+    h = passed.displacements
+    backward, forward = _sides(passed.limits.velocity)
     top = np.where(h >= 0, forward, -backward)
     cruising = np.abs(h) / top
     longest = cruising.max(axis=1)
@@ -69,12 +70,15 @@ def _alone(h: Array, limits: Limits, side: Callable[[Array], Array]) -> Array:
 
 
 def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
-    """Rest-to-rest minimum time over displacements `h` `(…, joints)` for `(joints, 2)` limits."""
-    backward, forward = velocity.T
+    """Rest-to-rest minimum time over displacements `h` `(…, joints)` for `(joints, 2)` limits.
+
+    Limits may be of each segment, `(segments, joints, 2)`, as `h` is.
+    """
+    backward, forward = _sides(velocity)
     top = np.where(h >= 0, forward, -backward)
     # Speeding up to v and braking take v (1/A1 + 1/A2).
     slowness = 1 / np.abs(acceleration)
-    ramps = slowness.sum(axis=1)
+    ramps = slowness.sum(axis=-1)
     # A triangle of height v and that base covers h = v² (1/A1 + 1/A2) / 2.
     distance = np.abs(h)
     triangle = np.sqrt(2 * distance / ramps)
@@ -116,12 +120,17 @@ def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> 
 
 
 def _tighter(pairs: Array) -> Array:
-    """The smaller of both sides' sizes, `(joints,)`."""
+    """The smaller of both sides' sizes, `(…, joints)`."""
     sizes = np.abs(pairs)
-    return sizes.min(axis=1)
+    return sizes.min(axis=-1)
 
 
 def _wider(pairs: Array) -> Array:
-    """The larger of both sides' sizes, `(joints,)`."""
+    """The larger of both sides' sizes, `(…, joints)`."""
     sizes = np.abs(pairs)
-    return sizes.max(axis=1)
+    return sizes.max(axis=-1)
+
+
+def _sides(pairs: Array) -> tuple[Array, Array]:
+    """Lowest and highest values, `(…, joints)` each."""
+    return pairs[..., 0], pairs[..., 1]

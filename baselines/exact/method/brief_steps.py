@@ -53,7 +53,7 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     least = np.inf
     best = None
     for _ in range(MAX_ATTEMPTS):
-        thinned = problem.along(problem.route.at(~missing))
+        thinned = problem.at(~missing)
         solution = solve(thinned, _middles(problem, missing))
         if solution.trajectory is None:
             break

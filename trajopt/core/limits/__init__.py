@@ -5,7 +5,8 @@ In reading order:
 - `limit`: what a kind of limit must offer, and the list of all kinds;
 - `peaks`: the exact peak of a derivative over a whole motion;
 - `joint_limit`: an interval for a joint's position or one of its derivatives;
-- `limits`: all limits of a problem.
+- `limits`: all limits of a problem;
+- `segment_tables`: limits of one segment, as a problem file has them.
 
 A new kind is a subclass of `Limit` in a file of its own, imported here. Files, digests,
 certificates, tables and figures then have it.

@@ -112,7 +112,7 @@ class FallingVelocity(Limit):
     def in_units(self, time: float, lengths: Array | float) -> Self:
         return type(self)(self.rows * [time, time**2, 1.0, 1.0] / lengths)
 
-    def widened(self, joint: int | None, by: float) -> Self:
+    def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
         """With what is allowed times `1 + by`, everywhere."""
         numbers = self.rows.copy()
         factor = 1 + by

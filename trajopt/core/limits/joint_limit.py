@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from trajopt.core import polynomials
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import peaks
 from trajopt.core.limits.limit import Interval, Limit, Use, where
@@ -26,11 +26,15 @@ UNLIMITED = np.array([-np.inf, np.inf])
 
 @dataclass(frozen=True, eq=False)
 class JointLimit(Limit):
-    """An interval `[low, high]` for one derivative of each joint, the same all the time.
+    """An interval `[low, high]` for one derivative of each joint.
+
+    It is the same all the time, or each segment has its own: between two waypoints that segment's
+    counts, at a waypoint both its neighbours'.
 
     Attributes:
         order: of the derivative.
-        pairs: rad/s^order (m/s^order for a prismatic joint), `(joints, 2)`.
+        pairs: rad/s^order (m/s^order for a prismatic joint), `(joints, 2)`, or `(segments, joints,
+            2)` where segments differ.
     """
 
     order: ClassVar[int]
@@ -40,6 +44,8 @@ class JointLimit(Limit):
     pairs: Array
 
     def __post_init__(self) -> None:
+        if self.pairs.ndim == 3 and (self.pairs == self.pairs[:1]).all():
+            object.__setattr__(self, "pairs", self.pairs[0])
         self._check()
         object.__setattr__(self, "pairs", frozen(self.pairs))
 
@@ -53,23 +59,58 @@ class JointLimit(Limit):
 
     @classmethod
     def read(cls, value: Any, joints: int) -> Self:
-        """From a number per joint (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture."""
-        pairs = pairs_of(cls.key, value)
-        if len(pairs) != joints:
+        """From a number per joint (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture.
+
+        `(segments, joints, 2)` numbers, a pair per joint, are each segment's own.
+        """
+        limit = cls(pairs_of(cls.key, value))
+        if len(limit.bounds) != joints:
             expected = f"{joints} values, one per joint"
-            raise InvalidInput(f"limits.{cls.key}", expected, value=len(pairs))
-        return cls(pairs)
+            raise InvalidInput(f"limits.{cls.key}", expected, value=len(limit.bounds))
+        return limit
 
     def table(self) -> Any:
-        return [high if low == -high else [low, high] for low, high in self.pairs.tolist()]
+        """As `read` takes it; of each segment's own the one that most segments have."""
+        return _written(self._usual)
+
+    def of_segment(self, segment: int) -> Any:
+        """What `read` takes for one segment; None where it is `table`."""
+        if self.segments is None or np.array_equal(self.pairs[segment], self._usual):
+            return None
+        return _written(self.pairs[segment])
+
+    @property
+    def _usual(self) -> Array:
+        """The pairs that most segments have, `(joints, 2)`; the first of those that as many do."""
+        if self.segments is None:
+            return self.pairs
+        same = (self.pairs[:, None] == self.pairs).all(axis=(2, 3))
+        return self.pairs[same.sum(axis=1).argmax()]
+
+    @property
+    def segments(self) -> int | None:
+        return len(self.pairs) if self.pairs.ndim == 3 else None
+
+    def of_segments(self, numbers: Indices) -> Self:
+        return self if self.segments is None else type(self)(self.pairs[numbers])
+
+    def in_all_segments(self, *, tightest: bool) -> Self:
+        if self.segments is None:
+            return self
+        low, high = self.pairs[..., 0], self.pairs[..., 1]
+        if tightest:
+            ends = [low.max(axis=0), high.min(axis=0)]
+        else:
+            ends = [low.min(axis=0), high.max(axis=0)]
+        return type(self)(np.stack(ends, axis=-1))
 
     @property
     def bounds(self) -> Bools:
-        finite = np.isfinite(self.pairs)
-        return np.any(finite, axis=1)
+        finite = np.isfinite(self.pairs).any(axis=-1)
+        return np.asarray(finite if finite.ndim == 1 else finite.any(axis=0))
 
     def only(self, joints: Array) -> Self:
-        return type(self)(self.pairs[joints])
+        return type(self)(self.pairs[..., joints, :])
 
     def scaled(self, factors: Array) -> Self:
         return type(self)(factors[..., None] * self.pairs)
@@ -80,25 +121,43 @@ class JointLimit(Limit):
         rate = time / lengths
         return type(self)(self.pairs * rate * time ** (self.order - 1))
 
-    def widened(self, joint: int | None, by: float) -> Self:
+    def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
         pairs = self.pairs.copy()
-        pairs[joint] += by * (pairs - self._zero)[joint]
+        own = pairs if segment is None or pairs.ndim == 2 else pairs[segment]
+        zero = self._zero if own is pairs else self._zero[segment]
+        own[..., joint, :] += by * (own - zero)[..., joint, :]
         return type(self)(pairs)
 
     def worst(self, motion: Trajectory) -> Use:
-        return peaks.peak(motion, self.order, self.pairs, peaks.ratio)
+        if self.segments is not None:
+            motion = motion.refined(motion.waypoint_times)
+        return peaks.peak(motion, self.order, self._along(motion), peaks.ratio)
+
+    def _along(self, motion: Trajectory) -> Array:
+        """The limits of each piece of a motion with breaks at its waypoints.
+
+        `(joints, 2)` where all pieces have the same, else `(pieces, joints, 2)`.
+        """
+        if self.segments is None:
+            return self.pairs
+        middles = (motion.breaks[:-1] + motion.breaks[1:]) / 2
+        return self.pairs[motion.segments_at(middles)]
 
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
         """A side's use is `(p − zero)/(full − zero)`: 0 at `zero` and 1 at `full`."""
-        full = self.pairs.T
-        zero = self._zero.T
+        if self.segments is not None:
+            motion = motion.refined(motion.waypoint_times)
+        pairs = self._along(motion)
+        # (side, piece or 1, joint)
+        full = np.moveaxis(pairs, -1, 0).reshape(2, -1, pairs.shape[-2])
+        zero = np.moveaxis(self._zero_of(pairs), -1, 0).reshape(full.shape)
         span = full - zero
-        limited = np.isfinite(span)[:, None]
+        limited = np.isfinite(span)
         # Polynomials (degree + 1, side, piece, joint), positive where the limit is active.
         unit = motion.pieces(self.order)[:, None]
         over = np.repeat(unit, 2, axis=1)
-        over[-1] -= np.where(limited, zero[:, None], 0.0)
-        over /= np.where(limited, span[:, None], 1.0)
+        over[-1] -= np.where(limited, zero, 0.0)
+        over /= np.where(limited, span, 1.0)
         over[-1] -= share
         over = np.where(limited, over, -1.0)
         begins, ends, (_, piece, joint) = polynomials.positive_intervals(over)
@@ -112,10 +171,11 @@ class JointLimit(Limit):
         """For a joint with both limits; of a position, its place in the range."""
         values = motion(times, self.order)
         found: dict[int | None, Array] = {}
-        both_finite = np.isfinite(self.pairs).all(axis=1)
-        for joint in np.flatnonzero(both_finite).tolist():
-            low, high = self.pairs[joint]
-            zero = self._zero[joint]
+        pairs = self.pairs if self.segments is None else self.pairs[motion.segments_at(times)]
+        both_finite = np.isfinite(pairs).all(axis=-1)
+        for joint in np.flatnonzero(both_finite.reshape(-1, len(self.bounds)).all(axis=0)).tolist():
+            low, high = pairs[..., joint, :].T
+            zero = self._zero_of(pairs)[..., joint, :].T
             down = (values[:, joint] - zero[0]) / (low - zero[0])
             up = (values[:, joint] - zero[1]) / (high - zero[1])
             found[joint] = np.maximum(up, down)
@@ -127,29 +187,39 @@ class JointLimit(Limit):
     def of_joint(self, joint: int, problem: Problem) -> str:
         if not self.bounds[joint]:
             return "–"
-        low, high = self.pairs[joint]
-        ends = [f"{end:.6g}" if np.isfinite(end) else "–" for end in (low, high)]
-        span = f"± {ends[1]}" if low == -high else " … ".join(ends)
-        return f"{span} {problem.unit(joint, self.order)}"
+        every = [_span(pair) for pair in self.pairs[..., joint, :].reshape(-1, 2).tolist()]
+        unit = problem.unit(joint, self.order)
+        if len(set(every)) == 1:
+            return f"{every[0]} {unit}"
+        parts = []
+        for span in dict.fromkeys(every):
+            own = np.flatnonzero([other == span for other in every])
+            parts.append(f"{span} ({_numbers(own)})")
+        return f"{', '.join(parts)} {unit}"
 
     @property
     def _zero(self) -> Array:
-        """The values that use nothing of the low and of the high limit, `(joints, 2)`."""
-        return np.zeros_like(self.pairs)
+        """The values that use nothing of the low and of the high limit, shaped as `pairs`."""
+        return self._zero_of(self.pairs)
+
+    def _zero_of(self, pairs: Array) -> Array:
+        return np.zeros_like(pairs)
 
     def _check(self) -> None:
         """Refuse infinite limits where these must be finite, and limits without rest."""
-        low, high = self.pairs.T
+        low, high = self.pairs[..., 0], self.pairs[..., 1]
         right = (low < 0) & (high > 0)
         expected = "a positive number, or low < 0 < high"
         if self.finite:
             right &= np.isfinite(low) & np.isfinite(high)
             expected += ", finite"
-        for joint in np.flatnonzero(~right):
-            value: Any = self.pairs[joint].tolist()
-            if low[joint] == -high[joint]:
-                value = float(high[joint])
-            raise InvalidInput(f"limits.{self.key}", expected, value=value, joint=int(joint))
+        for *segment, joint in np.argwhere(~right).tolist():
+            at = (*segment, joint)
+            value: Any = self.pairs[at].tolist()
+            if low[at] == -high[at]:
+                value = float(high[at])
+            key = segment_key(self.key, *segment)
+            raise InvalidInput(key, expected, value=value, joint=joint)
 
 
 class Velocity(JointLimit):
@@ -187,9 +257,8 @@ class Position(JointLimit):
     degree = None
     is_ratio = False
 
-    @property
-    def _zero(self) -> Array:
-        return self.pairs[:, ::-1]
+    def _zero_of(self, pairs: Array) -> Array:
+        return pairs[..., ::-1]
 
     def worst(self, motion: Trajectory) -> Use:
         return peaks.peak(motion, self.order, self.pairs, peaks.excess)
@@ -209,6 +278,9 @@ class Position(JointLimit):
         return f"{where(use, problem)}: leaves its position limits by {use.value:.3g} {unit}"
 
     def _check(self) -> None:
+        if self.segments is not None:
+            right = "one pair per joint: a range is the same in every segment"
+            raise InvalidInput("limits.position", right, value=f"{self.segments} segments")
         low, high = self.pairs.T
         for joint in np.flatnonzero(~(low < high)):
             value = self.pairs[joint].tolist()
@@ -216,14 +288,37 @@ class Position(JointLimit):
 
 
 def pairs_of(key: str, value: Any) -> Array:
-    """One `[low, high]` pair per joint, from numbers (symmetric) or pairs.
+    """One `[low, high]` pair per joint, from numbers (symmetric) or pairs; or that per segment.
 
     Raises:
-        InvalidInput: Names the key, the joint, the value, and what would be right.
+        InvalidInput: Names the key, the segment, the joint, the value, and what would be right.
     """
     if is_table(value) and value.shape[1] == 2:
         return value
-    key = f"limits.{key}"
+    if _is_by_segment(value):
+        rows = [value_pairs(segment_key(key, k), own) for k, own in enumerate(value)]
+        for k, row in enumerate(rows):
+            if len(row) != len(rows[0]):
+                right = f"{len(rows[0])} values, as segment 1 has"
+                raise InvalidInput(segment_key(key, k), right, value=len(row))
+        return np.array(rows)
+    return value_pairs(segment_key(key), value)
+
+
+def _is_by_segment(value: Any) -> bool:
+    """Whether this is a list of segments, with lists of joints that have pairs, all of them."""
+    return is_list(value) and any(
+        is_list(segment) and any(map(is_list, segment)) for segment in value
+    )
+
+
+def segment_key(key: str, segment: int | None = None) -> str:
+    """Where a value stands, for errors: the limit's key, and the segment from 1."""
+    return f"limits.{key}" if segment is None else f"limits.{key}, segment {segment + 1}"
+
+
+def value_pairs(key: str, value: Any) -> Array:
+    """One `[low, high]` pair per joint; errors name this key."""
     if not is_list(value) or len(value) == 0:
         raise InvalidInput(
             key, "a list with a number, or a pair [low, high], for every joint", value=value
@@ -241,3 +336,21 @@ def pairs_of(key: str, value: Any) -> Array:
 def is_bound(value: Any) -> bool:
     """Return whether this is a number, or infinite."""
     return is_number(value) or (isinstance(value, float) and math.isinf(value))
+
+
+def _written(pairs: Array) -> Any:
+    return [high if low == -high else [low, high] for low, high in pairs.tolist()]
+
+
+def _span(pair: Sequence[float]) -> str:
+    """An interval in words: "± 2", or its two ends."""
+    low, high = pair
+    ends = [f"{end:.6g}" if np.isfinite(end) else "–" for end in pair]
+    return f"± {ends[1]}" if low == -high else " … ".join(ends)
+
+
+def _numbers(segments: Indices) -> str:
+    """Which segments, in words, counted from 1: "segments 1, 3–5"."""
+    runs = np.split(segments, np.flatnonzero(np.diff(segments) > 1) + 1)
+    spans = [f"{run[0] + 1}–{run[-1] + 1}" if len(run) > 1 else f"{run[0] + 1}" for run in runs]
+    return f"segment{'s' * (len(segments) > 1)} {', '.join(spans)}"

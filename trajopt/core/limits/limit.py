@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.out_of_scope import out_of_scope
 
@@ -104,6 +104,25 @@ class Limit(ABC):
     def bounds(self) -> Bools:
         """Which joints it bounds, `(joints,)`."""
 
+    # --- segments that differ ---
+
+    @property
+    def segments(self) -> int | None:
+        """How many segments it has numbers of; None where it is the same in all."""
+        return None
+
+    def of_segment(self, segment: int) -> Any:
+        """What a problem file has for one segment (from 0); None where it is as everywhere."""
+        return None
+
+    def of_segments(self, numbers: Indices) -> Self:
+        """The limit of these segments, by index."""
+        return self
+
+    def in_all_segments(self, *, tightest: bool) -> Self:
+        """The limit as one that is the same in all: as tight as any, or as wide as any."""
+        return self
+
     # --- the same limit, otherwise ---
 
     @abstractmethod
@@ -122,8 +141,11 @@ class Limit(ABC):
         """
 
     @abstractmethod
-    def widened(self, joint: int | None, by: float) -> Self:
-        """The limit with one joint's part wider by a fraction; the whole of it for None."""
+    def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
+        """The limit with one joint's part wider by a fraction; the whole of it for None.
+
+        In one segment alone, by index, where segments differ.
+        """
 
     # --- a motion under it ---
 

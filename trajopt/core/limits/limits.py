@@ -27,8 +27,9 @@ class Limits:
     """All limits of a robot's motion: intervals of each joint, and limits of any other kind.
 
     The first four are `(joints, 2)` arrays of `[low, high]`. Each is given as one number per joint
-    (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture. Units: rad/s, rad/s², rad/s³, rad
-    (metres for a prismatic joint). Velocity and acceleration are finite; `jerk` and `position`
+    (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture. Velocity, acceleration and jerk
+    may be `(segments, joints, 2)`: each segment its own, between two waypoints. Units: rad/s,
+    rad/s², rad/s³, rad (metres for a prismatic joint). Velocity and acceleration are finite; `jerk` and `position`
     default to none (infinite), and may be infinite for some joints only.
 
     `others` has limits of other kinds by their keys (`trajopt.core.limits.KINDS`); they may also be
@@ -74,6 +75,7 @@ class Limits:
                 right = f"limits of {joints} joints, as velocity has"
                 raise InvalidInput(f"limits.{key}", right, value=len(own.bounds))
             read[key] = own
+        _check_segments(read)
         for name in LIMIT_NAMES:
             self.__dict__[name] = read[name].numbers
         others = {key: own for key, own in read.items() if key not in LIMIT_NAMES}
@@ -93,7 +95,32 @@ class Limits:
 
     @property
     def joints(self) -> int:
-        return len(self.velocity)
+        return int(self.velocity.shape[-2])
+
+    @property
+    def segments(self) -> int | None:
+        """How many segments some limit has numbers of; None where all are the same everywhere."""
+        return next((own.segments for own in self._held.values() if own.segments), None)
+
+    @property
+    def changes(self) -> Bools:
+        """At which inner waypoints some limit changes, `(segments - 1,)`; one False for none."""
+        found = np.zeros((self.segments or 2) - 1, dtype=bool)
+        for own in self._held.values():
+            if own.segments is not None:
+                pairs = own.numbers
+                found |= (pairs[1:] != pairs[:-1]).any(axis=(1, 2))
+        return found
+
+    def of_segments(self, numbers: Indices) -> Limits:
+        """The limits of these segments, by index."""
+        return self if self.segments is None else self._each(lambda own: own.of_segments(numbers))
+
+    def in_all_segments(self, *, tightest: bool = True) -> Limits:
+        """Limits that are the same in all segments: of each the tightest, or the widest."""
+        if self.segments is None:
+            return self
+        return self._each(lambda own: own.in_all_segments(tightest=tightest))
 
     @cached_property
     def kinds(self) -> Mapping[str, Limit]:
@@ -137,18 +164,35 @@ class Limits:
         """
         return self._each(lambda own: own.in_units(time, lengths))
 
-    def widened(self, key: str, joint: int | None, by: float) -> Limits:
-        """These limits with one joint's part of one limit wider by a fraction."""
-        return self.with_limit(self._held[key].widened(joint, by))
+    def widened(self, key: str, joint: int | None, by: float, segment: int | None = None) -> Limits:
+        """These limits with one joint's part of one limit wider by a fraction.
+
+        In one segment alone, by index, where segments differ.
+        """
+        own = self._held[key]
+        part = () if own.segments is None else (segment,)
+        return self.with_limit(own.widened(joint, by, *part))
 
     def with_limit(self, own: Limit) -> Limits:
         """These limits with one of a kind, in place of that kind's if there is one."""
         return Limits(**{**self._held, own.key: own})
 
     def by_name(self) -> dict[str, Array]:
-        """The four limits of each joint by itself, `(joints, 2)`, by their names."""
+        """The four limits of each joint by itself, by their names.
+
+        `(joints, 2)` each, `(segments, joints, 2)` where segments differ.
+        """
         return {name: getattr(self, name) for name in LIMIT_NAMES}
 
     def _each(self, change: Callable[[Limit], Limit | None]) -> Limits:
         changed = {key: change(own) for key, own in self._held.items()}
         return Limits(**{key: own for key, own in changed.items() if own is not None})
+
+
+def _check_segments(kinds: Mapping[str, Limit]) -> None:
+    """Refuse limits of different numbers of segments."""
+    counts = {key: own.segments for key, own in kinds.items() if own.segments is not None}
+    for key, count in counts.items():
+        first, expected = next(iter(counts.items()))
+        if count != expected:
+            raise InvalidInput(f"limits.{key}", f"{expected} segments, as {first} has", value=count)

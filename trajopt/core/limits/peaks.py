@@ -44,10 +44,10 @@ def peak(motion: Trajectory, order: int, limits: Array, measure: Measure) -> Use
     Args:
         motion: any.
         order: of the derivative.
-        limits: low and high of each joint, `(joints, 2)`.
+        limits: low and high of each joint, `(joints, 2)`, or of each piece and joint.
         measure: what is worst.
     """
-    low, high = limits.T
+    low, high = limits[..., 0], limits[..., 1]
     unit = motion.pieces(order)
     rounding = polynomials.evaluation_rounding(unit)
     finite = np.isfinite(rounding)
@@ -95,7 +95,8 @@ def _peak_among(
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
     values = polynomials.evaluate(candidates[:, None], points)
-    low, high = limits[joints].T
+    own = limits[joints] if limits.ndim == 2 else limits[where]
+    low, high = own.T
     measured = measure(values, rounding[pieces, joints], low, high)
     row, i = np.unravel_index(np.argmax(measured), measured.shape)
     return _Peak(

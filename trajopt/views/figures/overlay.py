@@ -95,7 +95,7 @@ def overlay(
 def _busiest(problem: Problem) -> int:
     """Return the joint whose way takes longest at its full velocity."""
     way = np.abs(problem.displacements).sum(axis=0)
-    return int(np.argmax(way / problem.limits.velocity.max(axis=1)))
+    return int(np.argmax(way / problem.limits.in_all_segments().velocity.max(axis=1)))
 
 
 def _said(problem: Problem, motions: Sequence[Motion]) -> str:
