@@ -51,7 +51,8 @@ class Certify(Planner):
     def relation(self, problem: Problem) -> Relation:
         if self.family != "free":
             return Relation.RESTRICTION
-        return Relation.RELAXATION if self.unknown(problem) else Relation.SAME
+        relaxed = self.unknown(problem) or self.joins_segments(problem)
+        return Relation.RELAXATION if relaxed else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
         return None if self.family == "free" else spline353.unsupported(problem)

@@ -188,13 +188,17 @@ class Planner(ABC):
         """Return the demands of the problem that it does not plan for, by their keys."""
         return [key for key in problem.demands if key not in self.knows]
 
+    def joins_segments(self, problem: Problem) -> bool:
+        """Return whether it plans with other limits, as segments differ, than each segment's."""
+        return problem.limits.segments is not None and "segment" not in self.knows
+
     def _shown(self, problem: Problem) -> tuple[Problem, list[str]]:
         """The problem in limits that it takes, and what its message has to say of the others."""
         left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
         kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
         said = [f"{kinds} limits are left out"] if left_out else []
         shown = problem.without(*left_out, *self.unknown_demands(problem))
-        if shown.limits.segments and "segment" not in self.knows:
+        if self.joins_segments(problem):
             side = "widest" if self.drops else "tightest"
             limits = shown.limits.in_all_segments(tightest=not self.drops)
             shown = replace(shown, limits=limits)

@@ -70,6 +70,8 @@ class SeveralStarts(Planner):
 
     def relation(self, problem: Problem) -> Relation:
         """With limits that are ignored it solves a relaxation."""
+        if self.joins_segments(problem):
+            return Relation.RESTRICTION
         return Relation.RELAXATION if self.unknown(problem) else Relation.SAME
 
     def announce(self, planner: str, problem: Problem) -> None:

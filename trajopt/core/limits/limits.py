@@ -29,8 +29,8 @@ class Limits:
     The first four are `(joints, 2)` arrays of `[low, high]`. Each is given as one number per joint
     (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture. Velocity, acceleration and jerk
     may be `(segments, joints, 2)`: each segment its own, between two waypoints. Units: rad/s,
-    rad/s², rad/s³, rad (metres for a prismatic joint). Velocity and acceleration are finite; `jerk` and `position`
-    default to none (infinite), and may be infinite for some joints only.
+    rad/s², rad/s³, rad (metres for a prismatic joint). Velocity and acceleration are finite; `jerk`
+    and `position` default to none (infinite), and may be infinite for some joints only.
 
     `others` has limits of other kinds by their keys (`trajopt.core.limits.KINDS`); they may also be
     given by name, as objects or as a problem file has them.
