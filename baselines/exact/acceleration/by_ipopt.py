@@ -24,7 +24,7 @@ OPTIONS: Options = {"tol": 1e-12, "constr_viol_tol": 1e-12, "bound_relax_factor"
 LONGEST = 1.1
 
 
-class Found(NamedTuple):
+class IpoptPoint(NamedTuple):
     """IPOPT's last point, without units.
 
     Attributes:
@@ -40,7 +40,7 @@ class Found(NamedTuple):
     success: bool
 
 
-def minimised(scaled: Scaled, times: Array, velocities: Array) -> Found:
+def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
     """Return the local optimum that IPOPT finds from these times and waypoint velocities."""
     v1, v2 = np.abs(scaled.v)
     a1, a2 = np.abs(scaled.a)
@@ -60,7 +60,7 @@ def minimised(scaled: Scaled, times: Array, velocities: Array) -> Found:
         constraint_bounds=(0.0, np.inf),
     )
     times, velocities = unflat(run.x, [times.shape, velocities.shape])
-    return Found(times, velocities, run.status, run.success)
+    return IpoptPoint(times, velocities, run.status, run.success)
 
 
 @cache

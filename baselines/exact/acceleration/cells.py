@@ -12,12 +12,13 @@ repeated, and the axes of two come first: `(2 ends, 2 sides, starts, segments, j
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from baselines.exact.method.chain import at_ends
+from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 
 START_BARRIER = 0.1
@@ -29,16 +30,7 @@ _SIGNS = np.array([1.0, -1.0])
 _SIDES = _SIGNS.reshape(2, 1, 1, 1)
 
 
-class Scaled(Protocol):
-    """A problem without units: see `exact.method.scaled`."""
-
-    h: Array
-    v: Array
-    a: Array
-    stop: Array
-
-
-class Point(NamedTuple):
+class AccelerationUnknowns(NamedTuple):
     """The unknowns of every start, or a step of them.
 
     Attributes:
@@ -74,7 +66,7 @@ def _by_axes_of_two(limits: ArrayLike) -> Array:
     return tables[..., None, None, :]
 
 
-class Cells:
+class AccelerationTables:
     """The constant tables of the program, repeated for each start."""
 
     def __init__(self, scaled: Scaled, starts: int) -> None:
@@ -122,11 +114,11 @@ class Cells:
         self.h_by_top = self.h / self.top
         self.fastest = table(fastest / top)
 
-    def of(self, starts: int) -> Cells:
+    def of(self, starts: int) -> AccelerationTables:
         """Return the tables for another number of starts."""
-        return Cells(self.scaled, starts)
+        return AccelerationTables(self.scaled, starts)
 
-    def start(self, times: Array, velocities: Array) -> Point:
+    def start(self, times: Array, velocities: Array) -> AccelerationUnknowns:
         """Within velocity limits; peaks as high as times and limits allow.
 
         Args:
@@ -158,11 +150,11 @@ class Cells:
         faster_end = x.max(axis=0)
         np.maximum(limited, faster_end, out=peaks)
         log = np.log(times / self.stop)
-        point = Point(log, velocity, inner)
+        point = AccelerationUnknowns(log, velocity, inner)
         return self.clipped(point)
 
-    def clipped(self, point: Point) -> Point:
+    def clipped(self, point: AccelerationUnknowns) -> AccelerationUnknowns:
         """End velocities and peaks where an answer can have them."""
         inner = np.maximum(point.inner, self.lowest)
         np.minimum(inner, self.highest, out=inner)
-        return Point(point.log, point.velocity, inner)
+        return AccelerationUnknowns(point.log, point.velocity, inner)

@@ -25,7 +25,7 @@ _KEPT_SHARE = 1e-3
 _LEAST_SPARE = 1e-6
 
 
-class Task(NamedTuple):
+class SegmentTask(NamedTuple):
     """The motion required of every joint in every segment, in the joint's own units.
 
     Attributes:
@@ -49,7 +49,7 @@ class Task(NamedTuple):
     positions: Array
 
 
-def pieces(task: Task, brief: float) -> Pieces:
+def pieces(task: SegmentTask, brief: float) -> Pieces:
     """The motion of all joints, constant accelerations on breaks that they share.
 
     Args:
@@ -89,7 +89,7 @@ def _breaks(own: Pieces, end: Array) -> Array:
     return np.sort(once, axis=1).T[..., None]
 
 
-def _own(ramps: Ramps, task: Task) -> Pieces:
+def _own(ramps: Ramps, task: SegmentTask) -> Pieces:
     """Each joint's own ramp, cruise and ramp."""
     cruise = task.times - ramps.first - ramps.last
     lengths = np.array([ramps.first, cruise, ramps.last])
@@ -101,7 +101,7 @@ def _own(ramps: Ramps, task: Task) -> Pieces:
     return Pieces(lengths, within, 0 * within)
 
 
-def _within_positions(ramps: Ramps, task: Task) -> Ramps:
+def _within_positions(ramps: Ramps, task: SegmentTask) -> Ramps:
     """Ramps that stray least, where these ones leave the position limits."""
     spare = np.maximum(1 - ramps.share, 0.0)
     # joints that decide the segment's time have no choice
@@ -113,7 +113,7 @@ def _within_positions(ramps: Ramps, task: Task) -> Ramps:
     return Ramps(peak, first, last, ramps.share)
 
 
-def _leaves_positions(ramps: Ramps, task: Task) -> Bools:
+def _leaves_positions(ramps: Ramps, task: SegmentTask) -> Bools:
     """Which joints leave their position limits, in which segments: waypoints are within them."""
     own = _own(ramps, task)
     velocity, position = own.passed(task.u)

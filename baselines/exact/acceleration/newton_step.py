@@ -11,7 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.exact.acceleration.cells import START_BARRIER, Cells, Point, both_sides
+from baselines.exact.acceleration.cells import (
+    START_BARRIER,
+    AccelerationTables,
+    AccelerationUnknowns,
+    both_sides,
+)
 from baselines.exact.method.chain import Chain, Links, at_ends
 from baselines.exact.method.interior_point import chosen, moved
 from trajopt.core.arrays import Array, Bools
@@ -31,7 +36,7 @@ class Gradients(NamedTuple):
     p: Array
 
 
-class Rows:
+class AccelerationInequalities:
     """Every inequality of the program at a point: what it leaves, and how that changes.
 
     Two rows for each side of a cell: the room of the peak `p` below the velocity limit, and the
@@ -51,7 +56,7 @@ class Rows:
     min_gap_rtol = 1e-13
     max_log_step = 1.0
 
-    def __init__(self, cells: Cells, point: Point) -> None:
+    def __init__(self, cells: AccelerationTables, point: AccelerationUnknowns) -> None:
         peaks = point.peaks
         in_stop_times = np.exp(point.log)
         times = cells.stop * in_stop_times
@@ -86,22 +91,22 @@ class Rows:
         of_both_ends = reach_x[0] + reach_x[1]
         self.reach_p = 1 - of_both_ends
 
-    def linear(self, multipliers: Array, weights: Array) -> Linear:
+    def linear(self, multipliers: Array, weights: Array) -> AccelerationLinearisation:
         """The model of a Newton step; `weights` are multiplier over slack of each row."""
-        return Linear(self, multipliers, weights)
+        return AccelerationLinearisation(self, multipliers, weights)
 
-    def after(self, step: Point, length: Array) -> Rows:
+    def after(self, step: AccelerationUnknowns, length: Array) -> AccelerationInequalities:
         """The rows after such a length of a step, clipped."""
         cells = self.cells
-        return Rows(cells, cells.clipped(moved(self.point, step, length)))
+        return AccelerationInequalities(cells, cells.clipped(moved(self.point, step, length)))
 
-    def follows(self, before: Rows) -> Bools:
+    def follows(self, before: AccelerationInequalities) -> Bools:
         """Every point is allowed: clipping replaces a line search."""
         return np.ones(len(self.times), dtype=bool)
 
-    def of(self, some: Bools) -> Rows:
+    def of(self, some: Bools) -> AccelerationInequalities:
         """The rows of some of the starts."""
-        return Rows(self.cells.of(int(some.sum())), chosen(self.point, some))
+        return AccelerationInequalities(self.cells.of(int(some.sum())), chosen(self.point, some))
 
     @cached_property
     def missing(self) -> Array:
@@ -123,7 +128,7 @@ class Rows:
         by_p += self.reach_p * reach
         return Gradients(self.room_s * room, self.reach_x * reach, by_p)
 
-    def change(self, step: Point, x: Array) -> Array:
+    def change(self, step: AccelerationUnknowns, x: Array) -> Array:
         """By how much a step changes every row; `x` are its ends, of both sides."""
         s = step.log[..., None]
         peaks = step.peaks
@@ -136,7 +141,7 @@ class Rows:
         return change
 
 
-class Linear:
+class AccelerationLinearisation:
     """The program near a point: rows linear, the objective quadratic, peaks eliminated.
 
     With `s` the logarithm of the time `T`, `x` an end velocity and `p` a peak. The matrix over
@@ -148,7 +153,7 @@ class Linear:
         weights: `z / s` of each row, multiplier over slack.
     """
 
-    def __init__(self, rows: Rows, multipliers: Array, weights: Array) -> None:
+    def __init__(self, rows: AccelerationInequalities, multipliers: Array, weights: Array) -> None:
         cells = rows.cells
         y_room, y_reach = multipliers
         w_room, w_reach = weights
@@ -209,7 +214,7 @@ class Linear:
         steepest = self.chain.steepest(_by_cell(by_s, by_x))
         return np.maximum(steepest, steepest_peak)
 
-    def step(self, aim: Array) -> tuple[Point, Array]:
+    def step(self, aim: Array) -> tuple[AccelerationUnknowns, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
         by_s, by_x, by_p = self.rows.gradients(aim)
         by_s -= self.peak_s * by_p
@@ -221,10 +226,10 @@ class Linear:
         x = both_sides(ends)
         s = solved.log[..., None]
         peaks = by_p / self.pp - self.peak_s * s - (self.peak_x * x).sum(axis=0)
-        step = Point(solved.log, solved.velocity, np.array([ends, peaks]))
+        step = AccelerationUnknowns(solved.log, solved.velocity, np.array([ends, peaks]))
         return step, self.rows.change(step, x)
 
-    def bending(self, step: Point) -> None:
+    def bending(self, step: AccelerationUnknowns) -> None:
         """Unknown: clipping mends what a step misses."""
 
 

@@ -20,14 +20,14 @@ from typing import Literal
 
 import numpy as np
 
-from baselines.exact.acceleration.cells import Cells
-from baselines.exact.acceleration.motion import Task, pieces
-from baselines.exact.acceleration.newton_step import Rows
+from baselines.exact.acceleration.cells import AccelerationTables
+from baselines.exact.acceleration.motion import SegmentTask, pieces
+from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method import brief_steps
 from baselines.exact.method.chain import with_rest
 from baselines.exact.method.crossover import minimised
-from baselines.exact.method.planner import Optimum, SeveralStarts
+from baselines.exact.method.planner import LocalOptimum, SeveralStarts
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -74,7 +74,7 @@ class Exact(SeveralStarts):
         scaled = Passing(problem)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
-        def solve_from(starts: Sequence[Start]) -> list[Optimum]:
+        def solve_from(starts: Sequence[Start]) -> list[LocalOptimum]:
             return minimised(scaled, starts)
 
         starts = starting_points(scaled, MAX_STARTS_FACTOR * self.starts)
@@ -93,7 +93,7 @@ class Passing(Scaled):
         ends = with_rest(velocities)
         starts = self.problem.waypoints[:-1, self.moving]
         walls = self.problem.limits.position[self.moving].T
-        task = Task(
+        task = SegmentTask(
             times[:, None],
             self.h,
             ends[:-1],
@@ -197,10 +197,12 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
         yield times, between * speed
 
 
-def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
+def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
     """The local optimum near each start, dilated until it is exactly reachable."""
 
-    def reached(rows: Rows, start: int, largest_dilation: float) -> Optimum | None:
+    def reached(
+        rows: AccelerationInequalities, start: int, largest_dilation: float
+    ) -> LocalOptimum | None:
         times = rows.times[start]
         ends = rows.point.ends[:, start]
         # a joint at its limit throughout a segment: ∓A T/2 from its mean velocity
@@ -211,16 +213,16 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
         velocities = scaled.within(scaled.velocities(times, ends))
         return _reached(scaled, times, velocities, "Converged", largest_dilation)
 
-    cells = Cells(scaled, len(starts))
+    cells = AccelerationTables(scaled, len(starts))
     times, velocities = (np.array(column) for column in zip(*starts, strict=True))
-    optima = minimised(Rows(cells, cells.start(times, velocities)), reached)
+    optima = minimised(AccelerationInequalities(cells, cells.start(times, velocities)), reached)
     return [
-        Optimum(np.inf, *start, "Not_Converged") if optimum is None else optimum
+        LocalOptimum(np.inf, *start, "Not_Converged") if optimum is None else optimum
         for start, optimum in zip(starts, optima, strict=True)
     ]
 
 
-def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
+def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
     """IPOPT's local optimum near each start, dilated until it is exactly reachable."""
     from baselines.exact.acceleration import by_ipopt  # late: it needs CasADi
 
@@ -230,16 +232,16 @@ def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[Optimu
         within = scaled.within(found.velocities)
         optimum = _reached(scaled, found.times, within, found.status, MAX_DILATION)
         if optimum is None or not found.success:
-            optimum = Optimum(np.inf, *start, found.status)
+            optimum = LocalOptimum(np.inf, *start, found.status)
         optima.append(optimum)
     return optima
 
 
 def _reached(
     scaled: Passing, times: Array, velocities: Array, status: str, largest_dilation: float
-) -> Optimum | None:
+) -> LocalOptimum | None:
     """Times and waypoint velocities, dilated until they are exactly reachable."""
     k = repair(times, velocities, scaled, largest_dilation)
     if np.isinf(k):
         return None
-    return Optimum(k * float(times.sum()), k * times, velocities / k, status)
+    return LocalOptimum(k * float(times.sum()), k * times, velocities / k, status)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from baselines.exact.acceleration.by_ipopt import LONGEST, OPTIONS
-from baselines.exact.jerk.cells import Cells
-from baselines.exact.method.planner import Optimum
+from baselines.exact.jerk.cells import JerkTables
+from baselines.exact.method.planner import LocalOptimum
 from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
@@ -33,7 +33,7 @@ _OPTIONS: Options = {
 _GUESS = [0.5, 0.0, -0.5, 0.125, 0.25, 0.125] * 2
 
 
-def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[Optimum]:
+def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
     """The local optimum that IPOPT finds from each start; infinite where it finds none."""
     size = scaled.h.size
     stop = scaled.stop[:, None]
@@ -69,7 +69,7 @@ def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[Optimum]:
         times = shares * scaled.stop
         duration = times.sum() if run.success else np.inf
         one = (table[None] for table in (times, *states))
-        optima.append(Optimum(duration, times, Cells(scaled).linked(*one), run.status))
+        optima.append(LocalOptimum(duration, times, JerkTables(scaled).linked(*one), run.status))
     return optima
 
 

@@ -18,7 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.exact.jerk.profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
+from baselines.exact.jerk.profiles import (
+    ACCELERATIONS,
+    TIME,
+    VELOCITIES,
+    ExtremeProfiles,
+    SegmentLimits,
+    Slopes,
+)
 from baselines.exact.method.chain import Chain, Links, at_ends, beside_it, owners
 from baselines.exact.method.interior_point import MIN_KEPT_SLACK, ROW_AXES, chosen, moved
 from baselines.exact.method.scaled import Scaled
@@ -34,7 +41,7 @@ _ROUNDING_RTOL = 4e-15
 START_BARRIER_RTOL = 0.1
 
 
-class Point(NamedTuple):
+class JerkUnknowns(NamedTuple):
     """The unknowns of every start, or a step of them.
 
     Attributes:
@@ -50,7 +57,7 @@ class Point(NamedTuple):
     acceleration: Array
 
 
-class Cells:
+class JerkTables:
     """The constant tables of the program.
 
     Args:
@@ -89,14 +96,14 @@ class Cells:
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None, None]
 
-    def linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
+    def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
         """The point of these segment times, `(starts, segments)`, and states, its links met."""
         t = times[..., None]
         ends = (at_ends(velocity) - self.h / t) / t
-        return Point(np.log(times), ends, velocity, acceleration)
+        return JerkUnknowns(np.log(times), ends, velocity, acceleration)
 
 
-class Rows:
+class JerkInequalities:
     """Every inequality of the program at a point, and what the links miss.
 
     Attributes:
@@ -113,12 +120,12 @@ class Rows:
     min_gap_rtol = 3e-13
     max_log_step = 0.7
 
-    def __init__(self, cells: Cells, point: Point) -> None:
+    def __init__(self, cells: JerkTables, point: JerkUnknowns) -> None:
         times = np.exp(point.log)
         t = times[..., None]
         mean = cells.h / t
         steep = mean / t
-        limits = Limits(
+        limits = SegmentLimits(
             cells.steepest,
             cells.highest / t - cells.signs * steep,
             cells.up / t,
@@ -127,7 +134,7 @@ class Rows:
             cells.beyond,
         )
         waypoints = at_ends(point.acceleration)
-        profiles = Profiles(
+        profiles = ExtremeProfiles(
             point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * FLIPS, limits
         )
         reach = profiles.value
@@ -150,25 +157,25 @@ class Rows:
         self.values = values
         self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, 0, 0].size
 
-    def linear(self, multipliers: Array, weights: Array) -> Linear:
+    def linear(self, multipliers: Array, weights: Array) -> JerkLinearisation:
         """The model of a Newton step; `weights` are multiplier over slack of each row."""
-        return Linear(self, multipliers, weights)
+        return JerkLinearisation(self, multipliers, weights)
 
-    def after(self, step: Point, length: Array) -> Rows:
+    def after(self, step: JerkUnknowns, length: Array) -> JerkInequalities:
         """The rows after such a length of a step, `(starts,)`: 1/T changes evenly."""
         point = moved(self.point, step, length)
         shorter = np.log1p(-length[:, None] * step.log)
-        return Rows(self.cells, point._replace(log=self.point.log - shorter))
+        return JerkInequalities(self.cells, point._replace(log=self.point.log - shorter))
 
-    def follows(self, before: Rows) -> Bools:
+    def follows(self, before: JerkInequalities) -> Bools:
         """Return whether every row keeps its share and every state is reachable, `(starts,)`."""
         kept = (self.values / before.values).min(axis=ROW_AXES)
         reachable = self.profiles.reachable.all(axis=(0, 2, 3))
         return np.asarray((kept >= MIN_KEPT_SLACK) & reachable)
 
-    def of(self, some: Bools) -> Rows:
+    def of(self, some: Bools) -> JerkInequalities:
         """The rows of some of the starts."""
-        return Rows(self.cells, chosen(self.point, some))
+        return JerkInequalities(self.cells, chosen(self.point, some))
 
     @cached_property
     def slopes(self) -> Slopes:
@@ -205,7 +212,7 @@ class Rows:
         return np.asarray(np.abs(self.missing).max(axis=(0, 2, 3)))
 
 
-class Linear:
+class JerkLinearisation:
     """The program near a point: rows linear, the Lagrangian quadratic.
 
     Args:
@@ -214,7 +221,7 @@ class Linear:
         weights: `z / s` of each row, multiplier over slack.
     """
 
-    def __init__(self, rows: Rows, multipliers: Array, weights: Array) -> None:
+    def __init__(self, rows: JerkInequalities, multipliers: Array, weights: Array) -> None:
         first, second = rows.slopes
         cells = rows.cells
         ends = rows.point.ends
@@ -256,16 +263,16 @@ class Linear:
         gradient = chain.descent(self._gradient(multipliers))
         return np.asarray(np.abs(gradient[:, :: chain.layout.width]).max(axis=1))
 
-    def step(self, aim: Array) -> tuple[Point, Array]:
+    def step(self, aim: Array) -> tuple[JerkUnknowns, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
         log, cells, velocity = self.chain.step(self._gradient(aim))
         by_variable = cells.transpose(3, 0, 1, 2)
         change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
         acceleration = by_variable[ACCELERATIONS[1], :, :-1]
-        step = Point(log, by_variable[list(VELOCITIES)], velocity, acceleration)
+        step = JerkUnknowns(log, by_variable[list(VELOCITIES)], velocity, acceleration)
         return step, change[:, None]
 
-    def bending(self, step: Point) -> Array:
+    def bending(self, step: JerkUnknowns) -> Array:
         """By how much a step changes every row at second order."""
         rows = self.rows
         before, after = at_ends(step.acceleration)

@@ -21,7 +21,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.jerk.cells import FLIPS, Cells, Point, Rows
+from baselines.exact.jerk.cells import FLIPS, JerkInequalities, JerkTables, JerkUnknowns
 from baselines.exact.method.chain import at_ends, with_rest
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
@@ -64,7 +64,7 @@ class Reachable(Scaled):
 
     left_out: Array | None = None
 
-    def trajectory(self, times: Array, states: Point) -> Trajectory:
+    def trajectory(self, times: Array, states: JerkUnknowns) -> Trajectory:
         """The motion of an optimum.
 
         Args:
@@ -76,18 +76,18 @@ class Reachable(Scaled):
         return self.motion(pieces, velocity)
 
 
-def _fitted(scaled: Reachable, times: Array, states: Point) -> tuple[Pieces, Array]:
+def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Pieces, Array]:
     """The motion with the fewest breaks that suffice.
 
     Returns:
         The pieces of every segment, `(pieces, segments, joints)`, the last ones of no length, and
         the velocities at the segments' starts, `(segments, joints)`.
     """
-    limits = _Limits.of(scaled, times)
-    rows = _settled(Rows(Cells(scaled), states), limits)
+    limits = _AllowedMotion.of(scaled, times)
+    rows = _settled(JerkInequalities(JerkTables(scaled), states), limits)
     if scaled.left_out is not None:
         rows = _bent(rows, limits, scaled, scaled.left_out)
-    profiles = _Profiles.of(rows, limits)
+    profiles = _KnottedProfiles.of(rows, limits)
     starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
     signs = np.array([[-1.0], [1.0]])
     sides = scaled.v, scaled.a, signs / scaled.r
@@ -126,13 +126,13 @@ def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array
     return starts, stops
 
 
-def _lengths(breaks: Array, limits: _Limits) -> Array:
+def _lengths(breaks: Array, limits: _AllowedMotion) -> Array:
     """The times between breaks, `(pieces, segments, 1)`."""
     shares = np.diff(breaks, axis=0)
     return shares[..., None] * limits.times
 
 
-def _cut(gentle: Pieces, breaks: Array, limits: _Limits) -> Pieces:
+def _cut(gentle: Pieces, breaks: Array, limits: _AllowedMotion) -> Pieces:
     """Even pieces, cut at other breaks among theirs."""
     count = EVEN + 1
     which = np.minimum(count * breaks, EVEN).astype(int)
@@ -143,7 +143,7 @@ def _cut(gentle: Pieces, breaks: Array, limits: _Limits) -> Pieces:
     return Pieces.straight(_lengths(breaks, limits), levels[:-1], levels[1:])
 
 
-class _Limits(NamedTuple):
+class _AllowedMotion(NamedTuple):
     """The motion that limits allow in the segments.
 
     Attributes:
@@ -177,7 +177,9 @@ class _Limits(NamedTuple):
         return cls(times, jerky, gained, ramp, vanished)
 
 
-def _bent(rows: Rows, limits: _Limits, scaled: Reachable, left_out: Array) -> Rows:
+def _bent(
+    rows: JerkInequalities, limits: _AllowedMotion, scaled: Reachable, left_out: Array
+) -> JerkInequalities:
     """The cells with states whose motion bends towards the waypoints that were left out.
 
     In the brief segment of such a waypoint acceleration is constant. Joints with slack take the one
@@ -217,7 +219,7 @@ def _bent(rows: Rows, limits: _Limits, scaled: Reachable, left_out: Array) -> Ro
     return rows
 
 
-def _settled(rows: Rows, limits: _Limits) -> Rows:
+def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities:
     """The cells with states that leave no brief phase at the waypoints, where none loses reach.
 
     Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
@@ -245,7 +247,7 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
     return rows
 
 
-def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
+def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> JerkInequalities:
     """The cells after a step of Newton's method at some of the waypoints."""
     cells = rows.cells
     first = rows.profiles.acceleration
@@ -274,7 +276,7 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     return _moved(rows, faster, settled)
 
 
-def _nearest(values: Array, sides: Array, limits: _Limits) -> tuple[Array, Bools]:
+def _nearest(values: Array, sides: Array, limits: _AllowedMotion) -> tuple[Array, Bools]:
     """The limit on each value's own side, and whether the value is close to it."""
     low, high = sides
     limit = np.where(values > 0, high, low)
@@ -283,12 +285,12 @@ def _nearest(values: Array, sides: Array, limits: _Limits) -> tuple[Array, Bools
     return limit, is_near
 
 
-def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
+def _moved(rows: JerkInequalities, velocity: Array, acceleration: Array) -> JerkInequalities:
     """The cells between other states."""
     point = rows.point
     change = at_ends(velocity - point.velocity)
     ends = point.ends + change / rows.t
-    return Rows(rows.cells, Point(point.log, ends, velocity, acceleration))
+    return JerkInequalities(rows.cells, JerkUnknowns(point.log, ends, velocity, acceleration))
 
 
 def _beside(cells: Array) -> Array:
@@ -306,7 +308,7 @@ def _of_both_cells(cells: Bools) -> Bools:
     return np.asarray(before & after)
 
 
-def _shares(rows: Rows, limits: _Limits) -> Array:
+def _shares(rows: JerkInequalities, limits: _AllowedMotion) -> Array:
     """Shares of both profiles that cover the displacement, `(2 sides, 1, segments, joints)`."""
     is_tight = rows.reach <= TIGHT_RTOL * limits.gained
     high, low = np.where(is_tight, 0.0, rows.reach)
@@ -314,7 +316,7 @@ def _shares(rows: Rows, limits: _Limits) -> Array:
     return np.array([share, 1 - share])
 
 
-class _Profiles(NamedTuple):
+class _KnottedProfiles(NamedTuple):
     """The extreme profiles of every cell, from both ends to the peak between them.
 
     Attributes:
@@ -328,7 +330,7 @@ class _Profiles(NamedTuple):
     shares: Array
 
     @classmethod
-    def of(cls, rows: Rows, limits: _Limits) -> Self:
+    def of(cls, rows: JerkInequalities, limits: _AllowedMotion) -> Self:
         """The profiles of these cells."""
         cells = rows.cells
         profiles = rows.profiles
@@ -357,7 +359,7 @@ class _Profiles(NamedTuple):
         breaks = np.where(is_used, self.knots, np.nan)
         return breaks.reshape(-1, *breaks.shape[2:])
 
-    def pieces(self, breaks: Array, limits: _Limits) -> Pieces:
+    def pieces(self, breaks: Array, limits: _AllowedMotion) -> Pieces:
         """The motion with the accelerations of these profiles at breaks, `(breaks, segments)`.
 
         Without a jerk limit they jump: each piece has that in its middle.
@@ -403,7 +405,9 @@ def _knots(phases: Array) -> Array:
     return np.where(is_before, from_start, from_end)
 
 
-def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:
+def _breaks(
+    profiles: _KnottedProfiles, limits: _AllowedMotion, even: Array, needs_own: Bools
+) -> Array:
     """The breaks of all joints of a segment, shares of its time, `(breaks, segments)`.
 
     They end with ones, where a segment has fewer than others.

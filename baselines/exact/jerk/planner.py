@@ -22,10 +22,10 @@ import numpy as np
 
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import one_sided
-from baselines.exact.jerk.cells import Cells, Rows
+from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.method import brief_steps
 from baselines.exact.method.interior_point import begun, chosen, converged, descended
-from baselines.exact.method.planner import Optimum, SeveralStarts
+from baselines.exact.method.planner import LocalOptimum, SeveralStarts
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -83,7 +83,7 @@ class ExactJerk(SeveralStarts):
 
         scaled = Reachable(problem)
         scaled.left_out = left_out
-        solve: Callable[[Sequence[Array]], list[Optimum]] = partial(_minimised, scaled)
+        solve: Callable[[Sequence[Array]], list[LocalOptimum]] = partial(_minimised, scaled)
         if self.solver == "ipopt":
             from baselines.exact.jerk.by_ipopt import minimised
 
@@ -101,21 +101,21 @@ def _starts(scaled: Scaled) -> Iterator[Array]:
         yield slower * scaled.stop
 
 
-def _minimised(scaled: Scaled, starts: Sequence[Array]) -> list[Optimum]:
+def _minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
     """The local optimum near each start."""
-    cells = Cells(scaled, kinds=2)
+    cells = JerkTables(scaled, kinds=2)
     inner = scaled.h[1:]
     at_rest = np.zeros((len(starts), *inner.shape))
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         point = cells.linked(np.array(starts), at_rest, at_rest)
-        iterate = descended(begun(Rows(cells, point)), converged)
+        iterate = descended(begun(JerkInequalities(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point
     numbers = np.arange(len(starts))
     optima = []
     for k, times in enumerate(iterate.state.rows.times):
-        optimum = Optimum(times.sum(), times, chosen(points, numbers == k), "Converged")
+        optimum = LocalOptimum(times.sum(), times, chosen(points, numbers == k), "Converged")
         if not done[k]:
             optimum = optimum._replace(duration=np.inf, status="Not_Converged")
         optima.append(optimum)

@@ -41,7 +41,7 @@ ACCELERATIONS = (2, 4)
 _VARIABLES = 5
 
 
-class Limits(NamedTuple):
+class SegmentLimits(NamedTuple):
     """Limits of the profiles in the cell's units; arrays broadcast to `(2 sides, …)`.
 
     Attributes:
@@ -73,7 +73,7 @@ class Slopes(NamedTuple):
     second: Array
 
 
-class Profiles:
+class ExtremeProfiles:
     """The profiles of most displacement; the lower ones are mirrored, on an axis of sides.
 
     Args:
@@ -89,7 +89,7 @@ class Profiles:
         value: displacement beyond the cell's own, in units of its time squared.
     """
 
-    def __init__(self, velocity: Array, acceleration: Array, limits: Limits) -> None:
+    def __init__(self, velocity: Array, acceleration: Array, limits: SegmentLimits) -> None:
         steepest, top, up, down, *_ = limits
         c = up + down
         jerky = c > 0

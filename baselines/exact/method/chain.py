@@ -84,7 +84,7 @@ class Solved(NamedTuple):
     velocity: Array
 
 
-class _Layout(NamedTuple):
+class _BandLayout(NamedTuple):
     """Positions of a cell's unknowns among all unknowns.
 
     A cell has the unknowns `(s, s before, s after, x, a, x', a')`.
@@ -111,7 +111,7 @@ class _Layout(NamedTuple):
 
 
 @cache
-def _layout(segments: int, joints: int, orders: int) -> _Layout:
+def _layout(segments: int, joints: int, orders: int) -> _BandLayout:
     width = 1 + orders * joints
     size = (segments - 1) * width + 1
     time = np.arange(segments)[:, None, None] * width
@@ -123,7 +123,7 @@ def _layout(segments: int, joints: int, orders: int) -> _Layout:
     column = unknowns[..., None, :]
     is_lower = (row >= column) & (row < size)
     places = column * 2 * width + row
-    return _Layout(width, size, unknowns, np.flatnonzero(is_lower), places[is_lower])
+    return _BandLayout(width, size, unknowns, np.flatnonzero(is_lower), places[is_lower])
 
 
 class Chain:

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from baselines.exact.method import interior_point
-from baselines.exact.method.interior_point import ROW_AXES, Arrived, Iterate, Rows
+from baselines.exact.method.interior_point import ROW_AXES, Arrived, Inequalities, Iterate
 from trajopt.core.arrays import Bools
 
 # Crossover is tried at these gaps, relative to the duration, and where the method has converged.
@@ -52,7 +52,7 @@ OptimumT = TypeVar("OptimumT")
 
 
 def minimised(
-    rows: Rows, reached: Callable[[Any, int, float], OptimumT | None]
+    rows: Inequalities, reached: Callable[[Any, int, float], OptimumT | None]
 ) -> list[OptimumT | None]:
     """The local optimum near each start; None where the method does not converge.
 
@@ -83,7 +83,7 @@ def minimised(
     return optima
 
 
-def _crossed(iterate: Iterate) -> tuple[Rows, Bools]:
+def _crossed(iterate: Iterate) -> tuple[Inequalities, Bools]:
     """Newton's method on the active rows, and which starts have reached an optimum of them."""
     state = iterate.state
     active = state.multipliers > MIN_KEPT_MULTIPLIER * iterate.before.multipliers

@@ -68,7 +68,7 @@ def chosen(point: Any, some: Bools) -> Any:
     return point._make([times[some], *(table[..., some, :, :] for table in cells)])
 
 
-class Linear(Protocol):
+class Linearisation(Protocol):
     """A program near a point, for a Newton step."""
 
     def slope(self, multipliers: Array, /) -> Array:
@@ -81,7 +81,7 @@ class Linear(Protocol):
         """By how much a step changes every row at second order, where that is known."""
 
 
-class Rows(Protocol):
+class Inequalities(Protocol):
     """A program's inequalities at a point.
 
     Attributes:
@@ -106,7 +106,7 @@ class Rows(Protocol):
     def apart(self) -> Array:
         """The most that a link between cells misses, `(starts,)`."""
 
-    def linear(self, multipliers: Array, weights: Array, /) -> Linear:
+    def linear(self, multipliers: Array, weights: Array, /) -> Linearisation:
         """The model of a Newton step; `weights` are multiplier over slack of each row."""
 
     def after(self, step: Any, length: Array, /) -> Self:
@@ -123,7 +123,7 @@ class Rows(Protocol):
 class State:
     """Rows with a slack and a multiplier each, in tables of their shape."""
 
-    rows: Rows
+    rows: Inequalities
     slacks: Array
     multipliers: Array
 
@@ -148,7 +148,7 @@ class State:
         return self.multipliers / self.slacks
 
     @cached_property
-    def linear(self) -> Linear:
+    def linear(self) -> Linearisation:
         """The model of a Newton step from here."""
         return self.rows.linear(self.multipliers, self.weights)
 
@@ -199,7 +199,7 @@ Arrived = Callable[[Iterate], Bools]
 """Which starts need no more steps, `(starts,)`."""
 
 
-def begun(rows: Rows) -> Iterate:
+def begun(rows: Inequalities) -> Iterate:
     """No step yet."""
     slacks = np.maximum(rows.values, rows.start_slack)
     state = State(rows, slacks, rows.start_barrier[:, None, None] / slacks)
@@ -298,7 +298,7 @@ def _direction(state: State, aim: Array, miss: Array) -> _Direction:
     return _Direction(step, change, slack_step, forwards)
 
 
-def _followed(iterate: Iterate, aim: Array) -> tuple[Rows, _Direction]:
+def _followed(iterate: Iterate, aim: Array) -> tuple[Inequalities, _Direction]:
     """The rows after a Newton step, and the step.
 
     It bends with the rows, first as their second derivatives say, then as a step has shown. Where
@@ -355,7 +355,7 @@ def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:
     )
 
 
-def _shortened(iterate: Iterate, direction: _Direction) -> tuple[Rows, _Direction]:
+def _shortened(iterate: Iterate, direction: _Direction) -> tuple[Inequalities, _Direction]:
     """The rows after a step, shortened until the method may go on; a length of 0 if it may not."""
     rows = iterate.state.rows
     length = direction.forwards

@@ -22,7 +22,7 @@ from trajopt.planners.planner import Planner, Relation
 Start = TypeVar("Start")
 
 
-class Optimum(NamedTuple):
+class LocalOptimum(NamedTuple):
     """The local optimum of one start, exactly reachable.
 
     Attributes:
@@ -84,7 +84,7 @@ class SeveralStarts(Planner):
     def best_of(
         self,
         scaled: Reaching,
-        solve: Callable[[Sequence[Start]], list[Optimum]],
+        solve: Callable[[Sequence[Start]], list[LocalOptimum]],
         starts: Iterator[Start],
     ) -> Solution:
         """The shortest of the local optima, with what it says of the whole problem.

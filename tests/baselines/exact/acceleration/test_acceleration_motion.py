@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
-from baselines.exact.acceleration.motion import Task, pieces
+from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.profiles import extremes, gentlest, straightest
 from experiments.common.brief_pieces import needless
 from trajopt import Limits, Problem, Trajectory, verify
@@ -134,7 +134,7 @@ def test_a_motion_late_in_a_long_trajectory_is_the_same(seed: int) -> None:
         h = rng.uniform(lower, upper)
         # at rest for 1000 s, then this segment
         both = np.array([[0.0], [1.0]])
-        task = Task(
+        task = SegmentTask(
             times=np.array([[1000.0], [length]]),
             h=h * both,
             u=u * both,

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from baselines.exact.jerk.profiles import Limits, Profiles
+from baselines.exact.jerk.profiles import ExtremeProfiles, SegmentLimits
 
 Array = NDArray[np.float64]
 
@@ -42,12 +42,12 @@ def side(value: float | Array) -> Array:
     return np.array([value], dtype=float)
 
 
-def highest(start: Array, end: Array, t: float, factor: float) -> Profiles:
+def highest(start: Array, end: Array, t: float, factor: float) -> ExtremeProfiles:
     (u, a), (w, b) = start, end
-    limits = Limits(
+    limits = SegmentLimits(
         both(RISE, FALL), side(TOP / t), side(0.5 / factor / t), side(1 / factor / t), 0
     )
-    return Profiles(both(u, w) / t, both(a, -b), limits)
+    return ExtremeProfiles(both(u, w) / t, both(a, -b), limits)
 
 
 @pytest.mark.parametrize("factor", [1.0, 3.0, 10.0])
@@ -101,15 +101,15 @@ def drawn(kinds: int) -> tuple[Array, Array]:
     return np.array([np.log(t), x0, a, x1, b]), np.array([top, fall, rise, down, up, h])
 
 
-def profiles(variables: Array, numbers: Array) -> Profiles:
+def profiles(variables: Array, numbers: Array) -> ExtremeProfiles:
     log, x0, a, x1, b = variables
     top, fall, rise, down, up, h = numbers
     t = np.exp(log)
     steep = h / t**2
-    limits = Limits(
+    limits = SegmentLimits(
         both(rise, fall), side(top / t) - steep, side(up / t), side(down / t), side(steep)
     )
-    return Profiles(both(x0, x1), both(a, b), limits)
+    return ExtremeProfiles(both(x0, x1), both(a, b), limits)
 
 
 def test_derivatives_are_what_differences_tend_to() -> None:
@@ -148,8 +148,8 @@ def test_constant_jerk_through_a_brief_segment_is_within_reach(t: float) -> None
     ends = np.array([-a / 2 - jerk * t / 6, b / 2 - jerk * t / 6])
     for sign, up, down in ((1.0, 0.5, 1.0), (-1.0, 1.0, 0.5)):
         steepest = np.full((2, 1, cells), 2.0)
-        limits = Limits(steepest, side(np.full(cells, 1e9)), side(up / t), side(down / t), 0)
-        found = Profiles(sign * ends[:, None], sign * both(a, -b), limits)
+        limits = SegmentLimits(steepest, side(np.full(cells, 1e9)), side(up / t), side(down / t), 0)
+        found = ExtremeProfiles(sign * ends[:, None], sign * both(a, -b), limits)
         assert found.reachable.all()
         assert (found.value > 0).all()
         assert (found.value < t).all()

@@ -7,12 +7,12 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from baselines.exact.acceleration.cells import Cells
-from baselines.exact.acceleration.newton_step import Rows
+from baselines.exact.acceleration.cells import AccelerationTables
+from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.planner import Exact, Passing, starting_points
-from baselines.exact.jerk.cells import Cells as JerkCells
-from baselines.exact.jerk.cells import Point
-from baselines.exact.jerk.cells import Rows as JerkRows
+from baselines.exact.jerk.cells import AccelerationInequalities as JerkRows
+from baselines.exact.jerk.cells import AccelerationTables as JerkCells
+from baselines.exact.jerk.cells import JerkUnknowns
 from baselines.exact.method import interior_point
 from baselines.exact.method.scaled import Scaled
 from trajopt import Limits, Problem
@@ -24,10 +24,10 @@ from trajopt.benchmark.suites.random import random_problem
 def duration(problem: Problem) -> float:
     """The optimum from the first start, s, without crossover."""
     scaled = Passing(problem)
-    cells = Cells(scaled, starts=1)
+    cells = AccelerationTables(scaled, starts=1)
     ((times, velocities),) = starting_points(scaled, 1)
     point = cells.start(times[None], velocities[None])
-    iterate = interior_point.begun(Rows(cells, point))
+    iterate = interior_point.begun(AccelerationInequalities(cells, point))
     iterate = interior_point.descended(iterate, interior_point.converged)
     assert interior_point.converged(iterate)
     return scaled.unit * float(iterate.state.duration[0])
@@ -79,14 +79,14 @@ def drawn(segments: int, joints: int) -> Problem:
     return Problem(np.cumsum(steps, axis=0), limits)
 
 
-def started(problem: Problem) -> Rows:
+def started(problem: Problem) -> AccelerationInequalities:
     """The program without jerk limits near two starts."""
     rng = np.random.default_rng(0)
     scaled = Passing(problem)
     ((times, velocities),) = starting_points(scaled, 1)
     moved = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
-    cells = Cells(scaled, starts=2)
-    return Rows(cells, cells.start(np.stack([times, 0.9 * times]), moved))
+    cells = AccelerationTables(scaled, starts=2)
+    return AccelerationInequalities(cells, cells.start(np.stack([times, 0.9 * times]), moved))
 
 
 def started_under_jerk(problem: Problem) -> JerkRows:
@@ -158,7 +158,7 @@ def test_the_matrix_is_how_the_lagrangian_bends(segments: int) -> None:
     assert twice(band, line) == pytest.approx(difference, rel=1e-5)
 
 
-def along(point: Point, cells: JerkCells, step: np.ndarray) -> Point:
+def along(point: JerkUnknowns, cells: JerkCells, step: np.ndarray) -> JerkUnknowns:
     """The point after a step of the unknowns, every link met."""
     (log,) = point.log
     (acceleration,) = point.acceleration
