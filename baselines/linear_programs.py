@@ -27,7 +27,7 @@ _ITERATIONS_PER_ROW = 10
 _STANDARD_OUTPUT = 1
 
 
-class Answer(NamedTuple):
+class LinearOptimum(NamedTuple):
     """The minimum of a linear program, or the proof that no point satisfies its rows.
 
     Attributes:
@@ -99,7 +99,7 @@ class LinearProgram:
         self._set_options(simplex_iteration_limit=iterations)
         self.highs.passModel(program)
 
-    def minimised(self, objective: Array) -> Answer:
+    def minimised(self, objective: Array) -> LinearOptimum:
         """Return the minimum of `objective · x`.
 
         Raises:
@@ -111,12 +111,12 @@ class LinearProgram:
         if status not in (words.kOptimal, words.kInfeasible):
             status = self._run_anew()
         if status == words.kInfeasible:
-            return Answer(None, np.inf, self._ray())
+            return LinearOptimum(None, np.inf, self._ray())
         if status != words.kOptimal:
             raise TrajoptError(f"HiGHS ended with {status}")
         solution = self.highs.getSolution()
         value = float(self.highs.getInfo().objective_function_value)
-        return Answer(np.array(solution.col_value), value, -np.array(solution.row_dual))
+        return LinearOptimum(np.array(solution.col_value), value, -np.array(solution.row_dual))
 
     def _run(self) -> Any:
         self.highs.run()

@@ -37,7 +37,7 @@ from trajopt.planners import spline_family
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
-from trajopt.planners.spline_family import Family
+from trajopt.planners.spline_family import SplineFamily
 
 _OPTIONS = {
     "tol": 1e-11,
@@ -123,7 +123,7 @@ class Spline(Planner):
             return str(error)
         return None
 
-    def _family(self, problem: Problem) -> Family:
+    def _family(self, problem: Problem) -> SplineFamily:
         shape = self.shape or str(self.degree)
         return spline_family.family(
             shape, problem.segments, self.ends, jerk_limited=problem.has("jerk")
@@ -136,13 +136,13 @@ class Spline(Planner):
         The same answer whatever the seed.
         """
         announce("spline", problem, _SECONDS_PER_CELL * cells(problem))
-        motion = _Motion(problem, self._family(problem))
+        motion = _MovingJoints(problem, self._family(problem))
         began = time.perf_counter()
         position_limited = motion.room is not None
         solver = _solver(motion.family, motion.joints, motion.orders, position_limited)
         setup_time = time.perf_counter() - began
 
-        optima: list[_Optimum] = []
+        optima: list[_ExchangeOptimum] = []
         for start in _starts(motion, self.starts):
             shortest = min((optimum.duration for optimum in optima), default=np.inf)
             optimum = _exchange(solver, motion, start, shortest, self.rounds)
@@ -163,7 +163,7 @@ class Spline(Planner):
 
 
 @dataclass(frozen=True, eq=False)
-class _Optimum:
+class _ExchangeOptimum:
     """The result of the exchange from one initial guess: feasible, or of infinite duration.
 
     `controls` are all pieces' Bernstein coefficients, `(controls, joints)`, in the joints' spans.
@@ -179,7 +179,7 @@ class _Optimum:
 
 
 @dataclass(frozen=True, eq=False)
-class _Instants:
+class _SampleTimes:
     """The instants at which a limit is imposed on each piece, on the unit interval.
 
     Attributes:
@@ -191,14 +191,14 @@ class _Instants:
     worth: Array
 
     @classmethod
-    def spread(cls, pieces: int, joints: int, stay: Array) -> _Instants:
+    def spread(cls, pieces: int, joints: int, stay: Array) -> _SampleTimes:
         """The same on every piece: those that `stay` `(_STAY,)`, and others evenly spread."""
         between = (np.arange(_MOVE) + 0.5) / _MOVE
         one = np.concatenate([stay, between])[:, None, None]
         at = np.tile(one, (1, pieces, joints))
         return cls(at, np.zeros_like(at))
 
-    def refined(self, used: Array, worst: Array, broken: Bools) -> _Instants:
+    def refined(self, used: Array, worst: Array, broken: Bools) -> _SampleTimes:
         """Replace the least active instants by the worst ones and points beside these.
 
         So where a limit is reached the distance between instants shrinks to a quarter, and what is
@@ -221,10 +221,10 @@ class _Instants:
         np.put_along_axis(at, least, new, axis=0)
         renewed = np.where(broken, 1.0, np.take_along_axis(worth, least, axis=0))
         np.put_along_axis(worth, least, renewed, axis=0)
-        return _Instants(at, worth)
+        return _SampleTimes(at, worth)
 
 
-class _Motion:
+class _MovingJoints:
     """A problem whose joints all move, each in the span between its extreme waypoints.
 
     Attributes:
@@ -235,7 +235,7 @@ class _Motion:
             spans; None without any.
     """
 
-    def __init__(self, problem: Problem, family: Family) -> None:
+    def __init__(self, problem: Problem, family: SplineFamily) -> None:
         self.problem = problem
         self.family = family
         self.span = np.ptp(problem.waypoints, axis=0)
@@ -260,8 +260,8 @@ class _Motion:
         return of_segments[list(self.family.segments)]
 
     def exchanged(
-        self, times: Array, controls: Array, instants: list[_Instants]
-    ) -> tuple[float, float, list[_Instants]]:
+        self, times: Array, controls: Array, instants: list[_SampleTimes]
+    ) -> tuple[float, float, list[_SampleTimes]]:
         """The exact dilation, how far a position leaves its limits, and each limit's instants.
 
         The true worst ones are among these; those of the position limits, if any, come last.
@@ -332,7 +332,7 @@ class _Motion:
                 dilation = np.maximum(dilation, highest ** (1 / order))
         return dilation
 
-    def trajectory(self, optimum: _Optimum) -> Trajectory:
+    def trajectory(self, optimum: _ExchangeOptimum) -> Trajectory:
         """The spline in s and rad."""
         unit = self.family.powers(optimum.controls)
         coefficients = unit * self.span
@@ -350,7 +350,7 @@ def _sizes(bounds: Array) -> Array:
     return np.where(widest > 0, widest, 1.0)
 
 
-def _starts(motion: _Motion, count: int) -> list[tuple[Array, Array]]:
+def _starts(motion: _MovingJoints, count: int) -> list[tuple[Array, Array]]:
     """Times and controls to start from: local minima among splines of many ratios of times."""
     pieces = motion.family.pieces
     size = (sum(motion.family.lengths) + 3 * pieces) ** 2
@@ -383,8 +383,12 @@ def _local_minima(points: Array, values: Array) -> Indices:
 
 
 def _exchange(
-    solver: Program, motion: _Motion, start: tuple[Array, Array], shortest: float, most_rounds: int
-) -> _Optimum:
+    solver: Program,
+    motion: _MovingJoints,
+    start: tuple[Array, Array],
+    shortest: float,
+    most_rounds: int,
+) -> _ExchangeOptimum:
     """The local optimum from one start, its limits kept at every instant.
 
     It ends early where it cannot become shorter than `shortest`: with limits at a few instants a
@@ -392,7 +396,7 @@ def _exchange(
     """
     times, controls = start
     family = motion.family
-    best = _Optimum(np.full(family.pieces, np.inf), controls, "")
+    best = _ExchangeOptimum(np.full(family.pieces, np.inf), controls, "")
     rounds_without_gain = 0
     instants = []
     for order in range(1, motion.orders + 1):
@@ -400,11 +404,11 @@ def _exchange(
         if order in spline_family.SMOOTH_ORDERS:
             # a continuous rate is limited at the end of a piece, not at its start
             stay = np.linspace(0.0, 1.0, 1 + _STAY)[1:]
-        instants.append(_Instants.spread(family.pieces, motion.joints, stay))
+        instants.append(_SampleTimes.spread(family.pieces, motion.joints, stay))
     if motion.room is not None:
         # without the ends of pieces, which mostly are waypoints
         inner = np.linspace(0.0, 1.0, 2 + _STAY)[1:-1]
-        instants.append(_Instants.spread(family.pieces, motion.joints, inner))
+        instants.append(_SampleTimes.spread(family.pieces, motion.joints, inner))
     status = ""
     _, _, instants = motion.exchanged(times, controls, instants)
     for _ in range(most_rounds):
@@ -418,7 +422,7 @@ def _exchange(
         if best.duration < np.inf:
             rounds_without_gain += 1
         if kept and feasible.sum() < best.duration:
-            best = _Optimum(feasible, controls, status)
+            best = _ExchangeOptimum(feasible, controls, status)
             rounds_without_gain = 0
         converged = kept and dilation - 1 < _DILATION_TOLERANCE
         if converged or times.sum() > shortest * (1 - _GAIN_RTOL):
@@ -427,11 +431,15 @@ def _exchange(
             break
     if answer is not None and not best.duration < np.inf:
         status = f"leaves a position limit after {most_rounds} rounds"
-    return _Optimum(best.times, best.controls, status)
+    return _ExchangeOptimum(best.times, best.controls, status)
 
 
 def _solve_at(
-    solver: Program, motion: _Motion, times: Array, controls: Array, instants: list[_Instants]
+    solver: Program,
+    motion: _MovingJoints,
+    times: Array,
+    controls: Array,
+    instants: list[_SampleTimes],
 ) -> tuple[str, tuple[Array, Array] | None]:
     """One NLP from these times and controls, its limits imposed at these instants.
 
@@ -466,7 +474,7 @@ def _solve_at(
     return run.status, (new_times, joined)
 
 
-def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:
+def _constraint_bounds(motion: _MovingJoints) -> tuple[Array, Array]:
     """In the order of `_solver`: pieces join, and all derivatives and positions keep limits."""
     family = motion.family
     joining = np.zeros(family.joins_count * motion.joints)
@@ -487,7 +495,7 @@ def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:
 
 
 @cache
-def _solver(family: Family, joints: int, orders: int, position_limited: bool) -> Program:
+def _solver(family: SplineFamily, joints: int, orders: int, position_limited: bool) -> Program:
     """IPOPT for a family, with so many joints, limited up to this derivative; built once for all.
 
     Constraints: differences where pieces join; then every derivative over the size of its limits,

@@ -324,7 +324,7 @@ def unit_path(trajectory: Trajectory, length: float) -> Trajectory:
     return Trajectory(breaks, coefficients, scaled.waypoint_times)
 
 
-class Grid(NamedTuple):
+class PathGrid(NamedTuple):
     """A path cut into steps.
 
     Attributes:
@@ -338,7 +338,7 @@ class Grid(NamedTuple):
     local: Array
 
 
-def cut(path: Trajectory) -> Grid:
+def cut(path: Trajectory) -> PathGrid:
     """Cut a path into steps of about 1; every break is a gridpoint."""
     lengths = np.diff(path.breaks)
     shortest = path.duration * _SHORT_PIECE_SHARE / len(lengths)
@@ -349,11 +349,11 @@ def cut(path: Trajectory) -> Grid:
     pieces = zip(path.breaks[:-1], lengths, parts, strict=True)
     steps = [start + length * np.arange(count) / count for start, length, count in pieces]
     fine = path.refined(np.concatenate(steps))
-    return Grid(fine.breaks, fine.lengths, fine.pieces(0))
+    return PathGrid(fine.breaks, fine.lengths, fine.pieces(0))
 
 
 def _path_speeds(
-    grid: Grid, limits: Limits, highest_start: float, highest_end: float
+    grid: PathGrid, limits: Limits, highest_start: float, highest_end: float
 ) -> tuple[Array | None, str]:
     """Return the path speed at every gridpoint, or None and the reason.
 
@@ -383,7 +383,7 @@ def _path_speeds(
     return speeds, ""
 
 
-def _constraint(grid: Grid, limits: Limits) -> Any:
+def _constraint(grid: PathGrid, limits: Limits) -> Any:
     """Return both limits on every grid interval as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
 
     With path acceleration `u`, and the squared path speed `x` where the interval starts, the
@@ -458,7 +458,7 @@ def _speed_bounds(first: Array, velocity: Array) -> Array:
     return np.stack([np.zeros_like(top), top], axis=1)
 
 
-def timed(grid: Grid, speeds: Array, waypoints: Array) -> Trajectory:
+def timed(grid: PathGrid, speeds: Array, waypoints: Array) -> Trajectory:
     """Return the path at `s(t)`, quadratic on each interval; `waypoints` are parameters."""
     # a step takes 2 Δ/(v_i + v_(i+1)); over it, s = c w + (1 − c) w² with w = time/step's time
     before = speeds[:-1]

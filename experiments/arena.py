@@ -118,13 +118,13 @@ def _ranked(gaps: Sequence[float]) -> Array:
     return np.clip(gaps, 1e-9, 1e9)
 
 
-def above_best(outcome: races.Outcome) -> pd.Series[float]:
+def above_best(outcome: races.RaceResult) -> pd.Series[float]:
     """Each run's gap to the best known 3-5-3, which lies above the proved bound by its width."""
     width = outcome.runs["problem"].map(outcome.proof["width"])
     return (outcome.runs["gap"] - width) / (1 + width)
 
 
-def table(outcome: races.Outcome) -> pd.DataFrame:
+def table(outcome: races.RaceResult) -> pd.DataFrame:
     """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group."""
     gaps = above_best(outcome).groupby(outcome.runs["label"])
     costs = searches.running_times(outcome.histories, list(TARGETS.values()))

@@ -89,7 +89,7 @@ def entrants(evaluations: int) -> dict[str, SwarmPlanner]:
     return planners
 
 
-def ingredients(outcome: races.Outcome) -> pd.DataFrame:
+def ingredients(outcome: races.RaceResult) -> pd.DataFrame:
     """Per ingredient, the gap with it over the gap without it: one alone, to all others, overall.
 
     Ratios are geometric means over problems of median gaps (over the eight settings of the other

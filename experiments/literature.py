@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from experiments.common.output import progress, save_table
 from experiments.published import figures
-from experiments.published.judged import Judged, judged, known, table
+from experiments.published.judged import JudgedProblem, judged, known, table
 from experiments.published.page import page
 from trajopt.benchmark.suites import literature
 from trajopt.views.figures import plots
@@ -54,7 +54,7 @@ def main(
     print(table(problems).to_string(index=False, float_format="{:.4f}".format))
 
 
-def write(problems: list[Judged], output: Path) -> None:
+def write(problems: list[JudgedProblem], output: Path) -> None:
     """The page, its figure and the table of verdicts."""
     folder = output / FOLDER
     save_table(table(problems), folder / "verdicts")

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
@@ -75,7 +75,7 @@ class Sleepy(Planner):
 def some_trials():
     """The exact optimum, one run of a planner, and four of another: its last one fails."""
     problem = catalogue.load("one-joint")
-    exact = judge(load("exact"), problem, [0], "exact")
-    once = judge(load("unoptimised"), problem, [0], "unoptimised")
-    often = judge(Sleepy(), problem, range(4), "sleepy:deeply")
+    exact = trials_of(load("exact"), problem, [0], "exact")
+    once = trials_of(load("unoptimised"), problem, [0], "unoptimised")
+    often = trials_of(Sleepy(), problem, range(4), "sleepy:deeply")
     return [*exact, *once, *often]

@@ -10,7 +10,7 @@ import pytest
 
 from trajopt import Relation, Status, verify
 from trajopt.benchmark.suites.catalogue import load, problem_files
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import configured, entries, options
 from trajopt.planners.testing import check_planner
@@ -53,7 +53,7 @@ def quick(name: str) -> Planner:
 
 @cache
 def trial(name: str, problem: str) -> Trial:
-    return judge(quick(name), load(problem), [0], name)[0]
+    return trials_of(quick(name), load(problem), [0], name)[0]
 
 
 @pytest.mark.parametrize("name", INSTALLED)

@@ -19,7 +19,7 @@ import pytest
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory, verify, write
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.store import folder, trial_text
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.cli import main
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools
@@ -150,7 +150,7 @@ class Knowing(Planner):
 
 @pytest.fixture
 def trial(problem):
-    return judge(Knowing(), problem, [0])[0]
+    return trials_of(Knowing(), problem, [0])[0]
 
 
 def test_a_problem_file_states_it_and_its_digest_counts_it(problem, tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark.store.trial_text import sealed
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.planner import Planner
 
 PROBLEM = Problem(
@@ -52,7 +52,7 @@ class Stopping(Planner):
 
 def solved():
     """Claimed in 1.5 s, which is too fast: the verifier dilates it."""
-    return judge(Stopping(0.5), PROBLEM, [3], "stopping")[0]
+    return trials_of(Stopping(0.5), PROBLEM, [3], "stopping")[0]
 
 
 def forged(text, change):

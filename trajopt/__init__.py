@@ -6,11 +6,10 @@ TYPE_CHECKING = False  # not from `typing`: importing it takes time in which Ctr
 if TYPE_CHECKING:
     from typing import Any
 
-    from trajopt.benchmark.best_planner import plan as plan
     from trajopt.benchmark.front import front as front
-    from trajopt.benchmark.judgement import judge as judge
     from trajopt.benchmark.objective import objective as objective
     from trajopt.benchmark.suites.catalogue import load as problem  # noqa: F401
+    from trajopt.best_planner import plan as plan
     from trajopt.comparison import compare as compare
     from trajopt.core.exceptions import InvalidInput as InvalidInput
     from trajopt.core.exceptions import InvalidTrajectory as InvalidTrajectory
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from trajopt.core.solution import Solution as Solution
     from trajopt.core.solution import Status as Status
     from trajopt.core.trajectory import Trajectory as Trajectory
+    from trajopt.judgement import judge as judge
     from trajopt.judging.verification import Certificate as Certificate
     from trajopt.judging.verification import Tolerance as Tolerance
     from trajopt.judging.verification import verify as verify
@@ -56,9 +56,9 @@ _MODULE = {
     "WrongType": "core.exceptions",
     "compare": "comparison",
     "front": "benchmark.front",
-    "judge": "benchmark.judgement",
+    "judge": "judgement",
     "objective": "benchmark.objective",
-    "plan": "benchmark.best_planner",
+    "plan": "best_planner",
     "problem": "benchmark.suites.catalogue:load",
     "verify": "judging.verification",
     "write": "views.export.motion_file",

@@ -119,7 +119,7 @@ def compare(
             finished += len(task.seeds)
             seen.add(written)
             report(Progress(len(asked), finished, len(done)))
-    seen.judge(trusted=executor is None and allowed.jobs > 0)
+    seen.judge_trials(trusted=executor is None and allowed.jobs > 0)
     if waiting or not store.is_current():
         store.restore(seen)
         store.consolidate(seen, durations)

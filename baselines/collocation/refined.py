@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation.uniform import Grid, Nodes, transcription
+from baselines.collocation.uniform import CollocationGrid, Nodes, transcription
 from baselines.exact.acceleration.planner import Exact, starting_points
 from baselines.exact.jerk import ExactJerk, one_sided
 from baselines.exact.method.scaled import Scaled
@@ -96,7 +96,7 @@ class CollocationRefined(Planner):
             cell_seconds = _CELL_SECONDS_JERK
         seconds = cell_seconds * cells(problem) ** _CELLS_POWER
         announce("collocation-refined", problem, seconds)
-        grid = Grid(problem, intervals)
+        grid = CollocationGrid(problem, intervals)
         began = time.perf_counter()
         transcription(grid, free=True)
         setup_time = time.perf_counter() - began
@@ -152,7 +152,7 @@ class CollocationRefined(Planner):
                 break
             grid = levels[-1].grid
             nodes = grid.halved(nodes)
-            finer = Grid(grid.problem, 2 * grid.intervals)
+            finer = CollocationGrid(grid.problem, 2 * grid.intervals)
             level = _solved(finer, nodes)
             levels.append(level)
             if _estimate(levels) <= self.error:
@@ -165,7 +165,7 @@ class CollocationRefined(Planner):
 class _Level(NamedTuple):
     """A local optimum on a grid, with its duration, s; infinite if IPOPT failed."""
 
-    grid: Grid
+    grid: CollocationGrid
     nodes: Nodes
     duration: float
     status: str
@@ -186,7 +186,7 @@ def _estimate(levels: list[_Level]) -> float:
     return max(last_two) / min(last_two) - 1
 
 
-def _solved(grid: Grid, start: Nodes) -> _Level:
+def _solved(grid: CollocationGrid, start: Nodes) -> _Level:
     """Return IPOPT's local optimum from `start`, if the verifier accepts it."""
     solve = transcription(grid, free=True)
     optimum = solve(grid, start)
@@ -198,7 +198,7 @@ def _solved(grid: Grid, start: Nodes) -> _Level:
     return _Level(grid, optimum.nodes, duration, optimum.status)
 
 
-def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
+def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
     """Yield the motion without position limits, stopping, the first one slower, random ones."""
     relaxed = _relaxed(grid.problem)
     if relaxed:
@@ -225,7 +225,7 @@ def _relaxed(problem: Problem) -> Trajectory | None:
     return planner.solve(problem.without("position")).trajectory
 
 
-def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
+def _placed(grid: CollocationGrid, trajectory: Trajectory) -> Nodes:
     """Put equal intervals on a trajectory, and positions within their limits."""
     passed = trajectory.waypoint_times
     lengths = np.repeat(np.diff(passed) / grid.intervals, grid.intervals)

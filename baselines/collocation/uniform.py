@@ -86,7 +86,7 @@ class Collocation(Planner):
         """Return a local optimum from a straight-line start that stops at every waypoint."""
         intervals = self.intervals * cells(problem)
         announce("collocation", problem, _SECONDS_PER_INTERVAL * intervals)
-        grid = Grid(problem, self.intervals)
+        grid = CollocationGrid(problem, self.intervals)
         began = time.perf_counter()
         solve = transcription(grid)
         setup_time = time.perf_counter() - began
@@ -119,7 +119,7 @@ class Nodes(NamedTuple):
     a: Any
 
 
-class Optimum(NamedTuple):
+class CollocationOptimum(NamedTuple):
     """IPOPT's status, its success, and its last nodes."""
 
     status: str
@@ -127,7 +127,7 @@ class Optimum(NamedTuple):
     nodes: Nodes
 
 
-class Grid:
+class CollocationGrid:
     """The moving joints in their own units: mean stop time, acceleration limits of order one.
 
     Attributes:
@@ -418,7 +418,7 @@ class Transcription:
             constraints.append((own, low[:, joint], high[:, joint]))
         return constraints
 
-    def __call__(self, grid: Grid, start: Nodes) -> Optimum:
+    def __call__(self, grid: CollocationGrid, start: Nodes) -> CollocationOptimum:
         """Return the local optimum that IPOPT finds from `start`."""
         low, high = self._bounds(grid)
         parameters = [
@@ -435,7 +435,7 @@ class Transcription:
             bounds=(flat(*self._varied(low)), flat(*self._varied(high))),
             constraint_bounds=self.edges(*parameters),
         )
-        return Optimum(run.status, run.success, self._read(run.x))
+        return CollocationOptimum(run.status, run.success, self._read(run.x))
 
     def _read(self, x: Array) -> Nodes:
         """Return the variables as nodes."""
@@ -446,7 +446,7 @@ class Transcription:
         equal = np.repeat(column / self.intervals, self.intervals, axis=0)
         return Nodes(times, np.tile(equal, (1, self.joints)), *tables)
 
-    def _bounds(self, grid: Grid) -> tuple[Nodes, Nodes]:
+    def _bounds(self, grid: CollocationGrid) -> tuple[Nodes, Nodes]:
         """Return lower and upper bounds of all variables.
 
         No segment is shorter than its displacement at top speed. At waypoints, and where the motion
@@ -475,7 +475,7 @@ class Transcription:
         return low, high
 
 
-def transcription(grid: Grid, *, free: bool = False) -> Transcription:
+def transcription(grid: CollocationGrid, *, free: bool = False) -> Transcription:
     """Return the NLP of a grid, built once for its size; `free`: with free nodes."""
     return _built(grid.problem.segments, grid.intervals, grid.smooth, grid.boxed, free)
 

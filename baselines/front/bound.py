@@ -16,7 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from baselines.front.dual import Rows, best_costates, exponents, free_bounds, linear_bounds
+from baselines.front.dual import (
+    SmoothnessConstraints,
+    best_costates,
+    exponents,
+    free_bounds,
+    linear_bounds,
+)
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -136,7 +142,7 @@ def prove(
     full = rows.only(np.arange(rows.equations))
     if times is not None and duration is not None:
         full = _in_use(rows, times / times.sum())
-    search = _Search(full, target * (1 - within))
+    search = _SimplexSearch(full, target * (1 - within))
     while search.open_simplices and time.perf_counter() < deadline:
         search.step(target)
     limits = full.only(np.arange(full.equations, len(full.power)))
@@ -174,7 +180,7 @@ def chosen_waypoints(problem: Problem, order: int) -> Indices:
 
 def problem_rows(
     problem: Problem, kept: Indices, order: int, duration: float | None
-) -> tuple[Rows, Array]:
+) -> tuple[SmoothnessConstraints, Array]:
     """Return all rows of a problem in units of the duration, and the joints' scale.
 
     Each joint is multiplied by the root of its weight (`trajopt.judging.smoothness.weights`).
@@ -196,10 +202,10 @@ def problem_rows(
             if order == 3:  # the acceleration is what is squared otherwise
                 kinds.append((0, k, share, *acceleration))
     power, segment, share, low, high = (np.array(column) for column in zip(*kinds, strict=True))
-    return Rows(order, segments, power, segment, share, low, high), scale
+    return SmoothnessConstraints(order, segments, power, segment, share, low, high), scale
 
 
-def _in_use(rows: Rows, times: Array) -> Rows:
+def _in_use(rows: SmoothnessConstraints, times: Array) -> SmoothnessConstraints:
     """The rows that the best costates at these times, and at some near them, use."""
     near = [times]
     for k, other in permutations(range(len(times)), 2):
@@ -216,7 +222,7 @@ def _in_use(rows: Rows, times: Array) -> Rows:
 
 
 @dataclass(eq=False)
-class _Search:
+class _SimplexSearch:
     """Simplices of segment times: a tree whose leaves are bounded.
 
     Attributes:
@@ -224,7 +230,7 @@ class _Search:
         target: A leaf with this bound is closed.
     """
 
-    rows: Rows
+    rows: SmoothnessConstraints
     target: float
     corners: list[Array] = field(default_factory=list)
     bounds: list[float] = field(default_factory=list)

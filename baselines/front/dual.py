@@ -34,7 +34,7 @@ _CENTRE_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SmoothnessConstraints:
     """The rows of a problem: first the equations, then inequalities.
 
     Attributes:
@@ -59,9 +59,9 @@ class Rows:
         """How many rows are equations: the waypoints, and rest at the end."""
         return self.segments + self.order - 1
 
-    def only(self, keep: Indices) -> Rows:
+    def only(self, keep: Indices) -> SmoothnessConstraints:
         """Return the problem with some of its rows."""
-        return Rows(
+        return SmoothnessConstraints(
             self.order,
             self.segments,
             self.power[keep],
@@ -153,7 +153,7 @@ def _interpolation(corners: int, degree: int) -> tuple[Array, Array]:
     return nodes, monomials(points) @ np.linalg.inv(monomials(nodes))
 
 
-def free_bounds(rows: Rows, corners: Array) -> Array:
+def free_bounds(rows: SmoothnessConstraints, corners: Array) -> Array:
     """Return lower bounds of simplices `(B, K, K)` from the equations alone, `(B,)`.
 
     The better of costates that go through the best ones at points of the simplex, and of a multiple
@@ -165,7 +165,7 @@ def free_bounds(rows: Rows, corners: Array) -> Array:
     return np.nan_to_num(found, nan=-np.inf)
 
 
-def _equation_costates(own: Rows, times: Array) -> Array:
+def _equation_costates(own: SmoothnessConstraints, times: Array) -> Array:
     """The best costates of equations at times `(…, K)`: `(…, rows, joints)`."""
     gram = own.gram(times)
     scale = 1 / np.sqrt(np.einsum("...ii->...i", gram))
@@ -173,7 +173,7 @@ def _equation_costates(own: Rows, times: Array) -> Array:
     return scale[..., None] * np.linalg.solve(scaled, scale[..., None] * own.low)
 
 
-def _constant_bounds(own: Rows, corners: Array) -> Array:
+def _constant_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
     """`(y·c)²` over the largest Bernstein coefficient of `y'G y`, `y` the centre's best."""
     centre = corners.mean(axis=1)
     costates = _equation_costates(own, centre)
@@ -189,7 +189,7 @@ def _constant_bounds(own: Rows, corners: Array) -> Array:
     return np.where(gain > 0, gain**2 / largest, -np.inf)
 
 
-def _curved_bounds(own: Rows, corners: Array) -> Array:
+def _curved_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
     """From costates of degree `FREE_DEGREE` in the segment times."""
     degree = 2 * FREE_DEGREE + 2 * own.order - 1
     nodes, weights = _interpolation(own.segments, degree)
@@ -201,7 +201,7 @@ def _curved_bounds(own: Rows, corners: Array) -> Array:
     return _smallest(own, corners, costates, degree)
 
 
-def linear_bounds(rows: Rows, corners: Array, costates: Array) -> Array:
+def linear_bounds(rows: SmoothnessConstraints, corners: Array, costates: Array) -> Array:
     """Return lower bounds of simplices from costates at their corners, linear in between.
 
     Args:
@@ -218,7 +218,11 @@ def linear_bounds(rows: Rows, corners: Array, costates: Array) -> Array:
 
 
 def _smallest(
-    rows: Rows, corners: Array, costates: Array, degree: int, gains: Array | None = None
+    rows: SmoothnessConstraints,
+    corners: Array,
+    costates: Array,
+    degree: int,
+    gains: Array | None = None,
 ) -> Array:
     """The smallest Bernstein coefficient of each simplex, less what rounding may do."""
     own = lattice(rows.segments, degree)
@@ -235,7 +239,9 @@ def _smallest(
     return (values @ own.to_bernstein.T).min(axis=1) - rounding
 
 
-def best_costates(rows: Rows, times: Array, iterations: int = 60) -> tuple[Array, Array]:
+def best_costates(
+    rows: SmoothnessConstraints, times: Array, iterations: int = 60
+) -> tuple[Array, Array]:
     """Return the best costates at segment times, `(B, rows, joints)`, and their values, `(B,)`.
 
     An active-set loop that starts from no limits. Any costates prove a bound, so it may stop at any

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from baselines.front.spline_program import (
-    Layout,
+    ProgramShape,
     between_nodes,
     hermite,
     integrated,
@@ -48,7 +48,7 @@ _SHORTEST_SHARE = 1e-4
 _SHORTEST_WAY = 1e-6
 
 
-class Spline(NamedTuple):
+class NodeSpline(NamedTuple):
     """A spline without units.
 
     Attributes:
@@ -101,7 +101,7 @@ class Least:
 
 def without_limits(problem: Problem, measure: Measure) -> float | None:
     """Return the least integral of a motion of 1 s without limits."""
-    found = _Task(problem, measure, 1.0).free()
+    found = _ScaledProgram(problem, measure, 1.0).free()
     return None if found is None else found.value
 
 
@@ -116,7 +116,7 @@ def least(
         duration: s.
         start: A motion through the waypoints to start from too, of any duration.
     """
-    return _Task(problem, measure, duration).solve(None, start)
+    return _ScaledProgram(problem, measure, duration).solve(None, start)
 
 
 def shortest(
@@ -127,15 +127,15 @@ def shortest(
 ) -> Least | None:
     """Return the shortest motion whose integral is at most the budget; None if none is found."""
     unit_time = float(stop_times(problem).sum())
-    free = _Task(problem, measure, unit_time).free()
+    free = _ScaledProgram(problem, measure, unit_time).free()
     if free is None:
         return None
     power = 5 if measure == "jerk" else 3
     duration = unit_time * (free.value / budget) ** (1 / power)
-    return _Task(problem, measure, duration).solve(budget, start)
+    return _ScaledProgram(problem, measure, duration).solve(budget, start)
 
 
-class _Task:
+class _ScaledProgram:
     """A problem without units: of time the mean segment's, of length each joint's largest one."""
 
     def __init__(self, problem: Problem, measure: Measure, duration: float) -> None:
@@ -164,14 +164,14 @@ class _Task:
 
     # --- splines ---
 
-    def resting(self, times: Array) -> Spline:
+    def resting(self, times: Array) -> NodeSpline:
         """Rest at every waypoint, a piece a segment."""
         nodes = self.q.shape
         states = [self.q, *(np.zeros(nodes) for _ in range(2 if self.quintic else 1))]
         count = len(times)
-        return Spline((1,) * count, np.ones(count), times, states)
+        return NodeSpline((1,) * count, np.ones(count), times, states)
 
-    def trajectory(self, spline: Spline) -> Trajectory:
+    def trajectory(self, spline: NodeSpline) -> Trajectory:
         """The motion in the problem's units; its duration is exact where it is given."""
         lengths = spline.lengths * self.unit
         breaks = np.append(0.0, np.cumsum(lengths))
@@ -183,7 +183,7 @@ class _Task:
         own = Trajectory.from_samples(breaks, *rates, waypoint_times=breaks[passed])
         return own.beside(self.problem.waypoints[0], self.moving)
 
-    def sampled(self, motion: Trajectory, pieces: tuple[int, ...], shares: Array) -> Spline:
+    def sampled(self, motion: Trajectory, pieces: tuple[int, ...], shares: Array) -> NodeSpline:
         """The spline through a motion's states at the nodes."""
         passed = motion.waypoint_times
         lengths = np.repeat(np.diff(passed), pieces) * shares
@@ -193,9 +193,9 @@ class _Task:
         for order in range(3 if self.quintic else 2):
             rate = motion(nodes, order)[:, self.moving] - self.origin * (order == 0)
             states.append(rate * unit**order / self.scale)
-        return Spline(pieces, shares, np.diff(passed) / unit, states)
+        return NodeSpline(pieces, shares, np.diff(passed) / unit, states)
 
-    def value(self, spline: Spline) -> float:
+    def value(self, spline: NodeSpline) -> float:
         """The integral, without units."""
         coefficients = spline.coefficients[self.order]
         return float((squared(coefficients, spline.lengths[:, None]) * self.weights).sum())
@@ -239,7 +239,9 @@ class _Task:
             times = ways**power
             yield count * times / times.sum()
 
-    def _starts(self, count: int, free: Least | None, start: Trajectory | None) -> Iterator[Spline]:
+    def _starts(
+        self, count: int, free: Least | None, start: Trajectory | None
+    ) -> Iterator[NodeSpline]:
         pieces = (count,) * self.problem.segments
         shares = np.full(sum(pieces), 1 / count)
         if free is not None:
@@ -250,7 +252,7 @@ class _Task:
         resting = self.resting(times * len(times) / times.sum())
         yield self.sampled(self.trajectory(resting), pieces, shares)
 
-    def _refined(self, start: Spline, budget: float | None) -> Least | None:
+    def _refined(self, start: NodeSpline, budget: float | None) -> Least | None:
         """Halve the pieces where limits begin and end to act, until that gains nothing more."""
         orders = tuple(order for order in range(4) if np.isfinite(self.limits[order]).any())
         spline = self._solved(start, orders, budget, warm=False)
@@ -274,7 +276,7 @@ class _Task:
                 break
         return self._point(self.trajectory(spline), limits_act=True)
 
-    def _goal(self, spline: Spline, budget: float | None) -> float:
+    def _goal(self, spline: NodeSpline, budget: float | None) -> float:
         """What is minimised; a duration counts as the integral that it saves."""
         if budget is None:
             return self.value(spline)
@@ -286,12 +288,12 @@ class _Task:
         return Least(trajectory, trajectory.duration, value, limits_act)
 
     def _solved(
-        self, start: Spline, orders: tuple[int, ...], budget: float | None, *, warm: bool
-    ) -> Spline | None:
+        self, start: NodeSpline, orders: tuple[int, ...], budget: float | None, *, warm: bool
+    ) -> NodeSpline | None:
         """IPOPT's local optimum on the pieces of `start`."""
         count = len(self.q) - 1
         joints = len(self.scale)
-        layout = Layout(
+        layout = ProgramShape(
             start.pieces, joints, self.order, self.quintic, orders, budget is not None, warm
         )
         size = self.value(start)
@@ -317,13 +319,13 @@ class _Task:
             times = times * count / times.sum()
         return start._replace(times=times, states=states)
 
-    def _variables(self, spline: Spline) -> list[Array]:
+    def _variables(self, spline: NodeSpline) -> list[Array]:
         """The states of a spline as the program has them."""
         acceleration = hermite(spline.states, spline.lengths[:, None])
         return [*spline.states, *(acceleration[1:-1] if self.quintic else acceleration)]
 
     def _bounds(
-        self, spline: Spline, shapes: list[tuple[int, ...]], orders: tuple[int, ...]
+        self, spline: NodeSpline, shapes: list[tuple[int, ...]], orders: tuple[int, ...]
     ) -> tuple[Array, Array]:
         """Lowest and highest times and variables; waypoints and the ends' states are fixed."""
         passed = np.append(0, np.cumsum(spline.pieces))
@@ -341,7 +343,9 @@ class _Task:
             sides.append(flat(times, *tables))
         return sides[0], sides[1]
 
-    def _constraint_bounds(self, spline: Spline, orders: tuple[int, ...]) -> tuple[Array, Array]:
+    def _constraint_bounds(
+        self, spline: NodeSpline, orders: tuple[int, ...]
+    ) -> tuple[Array, Array]:
         rows = np.zeros((sum(spline.pieces), len(self.scale)))
         found = spline.coefficients
         links = [np.zeros(2 * rows.size)]
@@ -354,7 +358,7 @@ class _Task:
 
     # --- pieces ---
 
-    def _halved(self, spline: Spline, orders: tuple[int, ...]) -> Spline | None:
+    def _halved(self, spline: NodeSpline, orders: tuple[int, ...]) -> NodeSpline | None:
         """Halve pieces in which a limit is active in part, and those beside them."""
         chosen = self._mixed(spline, orders)
         segment = np.repeat(np.arange(len(spline.pieces)), spline.pieces)
@@ -365,7 +369,7 @@ class _Task:
         pieces: Indices = np.bincount(np.repeat(segment, repeats))
         return self.sampled(self.trajectory(spline), tuple(pieces.tolist()), shares)
 
-    def _mixed(self, spline: Spline, orders: tuple[int, ...]) -> Bools:
+    def _mixed(self, spline: NodeSpline, orders: tuple[int, ...]) -> Bools:
         """Pieces with coefficients at a limit, unless all of them are, beside others like it."""
         found = spline.coefficients
         chosen = np.zeros(sum(spline.pieces), dtype=bool)

@@ -29,7 +29,7 @@ _OPTIONS: Options = {
 _WARM_OPTIONS: Options = {**_OPTIONS, "mu_init": 1e-4, "bound_push": 1e-5, "bound_frac": 1e-5}
 
 
-class Layout(NamedTuple):
+class ProgramShape(NamedTuple):
     """What a program is built for; its numbers are parameters.
 
     Attributes:
@@ -111,7 +111,7 @@ def squared(coefficients: Sequence[Any], lengths: Any) -> Any:
 
 
 @lru_cache(maxsize=32)
-def spline_program(layout: Layout) -> Program:
+def spline_program(layout: ProgramShape) -> Program:
     """Return the program: times, positions, velocities and accelerations (`accelerations`).
 
     Its constraints are the links of neighbouring pieces, the limits between nodes, and the

@@ -16,7 +16,7 @@ import numpy as np
 
 from baselines.lower_bound import ratio_boxes
 from baselines.lower_bound.branching import prove
-from baselines.lower_bound.dual_check import Proof
+from baselines.lower_bound.dual_check import BoundProof
 from baselines.lower_bound.incumbent import Incumbent, incumbent, kept
 from baselines.lower_bound.ratio_boxes import RatioProof
 from baselines.sizes import cells, described
@@ -65,7 +65,7 @@ class Bound:
     status: str
     trajectory: Trajectory | None
     message: str = ""
-    proof: Proof | RatioProof | None = None
+    proof: BoundProof | RatioProof | None = None
     disagreement: float | None = None
 
 
@@ -141,7 +141,7 @@ def _bound(
     best: Incumbent | None,
     within: float,
     otherwise: str,
-    proof: Proof | RatioProof | None,
+    proof: BoundProof | RatioProof | None,
 ) -> Bound:
     """Return both bounds, with the status `otherwise` if the gap is larger than asked for."""
     if best is None:

@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.linear_programs import Answer
+from baselines.linear_programs import LinearOptimum
 from baselines.lower_bound import dual_check, extremal, jerk_rows
 from baselines.lower_bound.costates import Cut
-from baselines.lower_bound.dual_check import Proof
-from baselines.lower_bound.relaxation import Box, Relaxation
+from baselines.lower_bound.dual_check import BoundProof
+from baselines.lower_bound.relaxation import Relaxation, VariableBounds
 from baselines.lower_bound.row_pool import RowPool, Tangent
 from baselines.lower_bound.separation import Separation
 from trajopt.core.arrays import Array, Indices
@@ -81,25 +81,25 @@ _NO_ROWS = (np.zeros(0, dtype=np.intp), np.zeros(0))
 class _Node:
     """A part of the tree: its box, the steps that narrowed it, and the bound proved in it."""
 
-    box: Box
+    box: VariableBounds
     bound: float
     steps: list[_Step] = field(default_factory=list)
     leaf: _Step | None = None
     children: tuple[_Node, ...] = ()
 
 
-class Outcome(NamedTuple):
+class ProvedBound(NamedTuple):
     """A lower bound, s, its proof, and the numbers of boxes split and linear programs solved."""
 
     lower_bound: float
-    proof: Proof
+    proof: BoundProof
     splits: int
     programs: int
 
 
 def prove(
     problem: Problem, target: float, gap: float, deadline: float, motion: Trajectory | None = None
-) -> Outcome:
+) -> ProvedBound:
     """Prove that no motion is shorter than the target, or as much of it as there is time for.
 
     Args:
@@ -120,7 +120,7 @@ def prove(
     while dual_check.is_empty(relaxation.root_box()):
         cutoff *= _LONGER_CUTOFF
         relaxation = Relaxation.of(problem, cutoff)
-    search = _Search(relaxation, target, gap, deadline)
+    search = _BranchAndBound(relaxation, target, gap, deadline)
     if motion is not None:
         search.add_active_rows(relaxation.at(problem, motion))
     try:
@@ -132,10 +132,10 @@ def prove(
         return prove(problem, target, gap, deadline)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
-    return Outcome(lower_bound, proof, search.splits, search.pool.programs)
+    return ProvedBound(lower_bound, proof, search.splits, search.pool.programs)
 
 
-class _Search:
+class _BranchAndBound:
     """The linear program with all rows found so far, and the tree."""
 
     def __init__(self, relaxation: Relaxation, target: float, gap: float, deadline: float) -> None:
@@ -209,7 +209,7 @@ class _Search:
             if self._widths(node.box).sum() > (1 - _MIN_NARROWING) * before:
                 return
 
-    def _widths(self, box: Box) -> Array:
+    def _widths(self, box: VariableBounds) -> Array:
         times = self.relaxation.time
         return box.high[times] - box.low[times]
 
@@ -236,7 +236,7 @@ class _Search:
                 return
             violation = max(self.least_violation, violation / 10)
 
-    def _prove_leaf(self, node: _Node, answer: Answer) -> None:
+    def _prove_leaf(self, node: _Node, answer: LinearOptimum) -> None:
         """Keep what an answer's multipliers prove of the total time, if it is more than before."""
         multipliers = answer.multipliers
         if answer.x is None:
@@ -384,7 +384,7 @@ class _Search:
 
     # --- the proof ---
 
-    def proof(self, root: _Node) -> Proof:
+    def proof(self, root: _Node) -> BoundProof:
         """Return the tree as a proof, with only those rows that it uses."""
         steps = list(_walk(root))
         used = np.unique(np.concatenate([step.rows for step in steps]))
@@ -395,7 +395,7 @@ class _Search:
         values = [step.multipliers for step in steps]
         relaxation = self.relaxation
         multipliers = np.column_stack([np.concatenate(numbers), np.concatenate(values)])
-        return Proof(
+        return BoundProof(
             units=np.append(relaxation.time_unit, relaxation.length_units),
             cutoff=np.array([relaxation.cutoff * relaxation.time_unit]),
             steps=np.array(heads, dtype=float),
@@ -419,6 +419,6 @@ def _moderate(table: Array) -> Array:
     return np.where(np.abs(table) < dual_check.SMALLEST, 0.0, table)
 
 
-def _side(box: Box, kind: int, column: int) -> float:
+def _side(box: VariableBounds, kind: int, column: int) -> float:
     """Return the side of a box that a step moves, as the bound of `x` or of `−x`."""
     return float(box.low[column] if kind == dual_check.RAISE else -box.high[column])

@@ -61,7 +61,7 @@ class Certify(Planner):
         """Return the lower bound, and the fastest trajectory known if it keeps every limit.
 
         `stats`: `proof` (its status), `lower_bound` and `upper_bound`, s, and `proved_within`; the
-        last two are NaN if no trajectory is known. Then the arrays of `dual_check.Proof` or
+        last two are NaN if no trajectory is known. Then the arrays of `dual_check.BoundProof` or
         `ratio_boxes.RatioProof`, so that no solver has to be believed.
         """
         bound = self.bound(problem)
@@ -100,7 +100,7 @@ class Certify(Planner):
 
         merged, _ = problem.merged()
         if self.family == "free":
-            of_all = dual_check.Proof.stored(stats)
+            of_all = dual_check.BoundProof.stored(stats)
             return None if of_all is None else dual_check.proved_bound(merged, of_all)
         of_splines = ratio_boxes.RatioProof.stored(stats)
         return None if of_splines is None else ratio_boxes.proved_bound(merged, of_splines)

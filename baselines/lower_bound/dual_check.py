@@ -20,7 +20,13 @@ import numpy as np
 from baselines.lower_bound import costates, jerk_rows
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
-from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows, joined
+from baselines.lower_bound.relaxation import (
+    ROW_ENTRIES,
+    BoundConstraints,
+    Relaxation,
+    VariableBounds,
+    joined,
+)
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -42,7 +48,7 @@ _ENTRY_ROUNDINGS = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Proof:
+class BoundProof:
     """A proof of a lower bound; all arrays of floats, as they are stored with the trial.
 
     Attributes:
@@ -76,7 +82,7 @@ class Proof:
         return {_PREFIX + name: value for name, value in vars(self).items()}
 
     @classmethod
-    def stored(cls, stats: Mapping[str, Any]) -> Proof | None:
+    def stored(cls, stats: Mapping[str, Any]) -> BoundProof | None:
         """Return the proof among a trial's statistics, if there is one.
 
         Raises:
@@ -141,16 +147,16 @@ class _ProofRows(NamedTuple):
     """A proof's own rows: square tangents, which change with the box, and all others."""
 
     squares: list[SquareTangent]
-    others: Rows
+    others: BoundConstraints
 
-    def with_box(self, relaxation: Relaxation, box: Box) -> Rows:
+    def with_box(self, relaxation: Relaxation, box: VariableBounds) -> BoundConstraints:
         """Return all rows of a step, in the order in which multipliers count them."""
         of_box = relaxation.box_rows(box)
         squares = jerk_rows.square_rows(relaxation, self.squares, box)
         return joined([of_box, squares, self.others])
 
 
-def proved_bound(problem: Problem, proof: Proof) -> float:
+def proved_bound(problem: Problem, proof: BoundProof) -> float:
     """Return the lower bound that a proof proves, s: no motion within all limits is shorter.
 
     Args:
@@ -176,7 +182,7 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
     return min(lowest, relaxation.cutoff) * relaxation.time_unit
 
 
-def _check_numbers(proof: Proof) -> None:
+def _check_numbers(proof: BoundProof) -> None:
     """Refuse numbers that are not of moderate size, and counts that are not whole."""
     for name, table in vars(proof).items():
         sizes = np.abs(table)
@@ -191,7 +197,7 @@ def _refuse(name: str, table: Array, wrong: Bools, right: str) -> None:
         raise InvalidInput(f"proof {name}", f"numbers that are {right}", value=table[wrong][0])
 
 
-def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
+def relaxation_of(problem: Problem, proof: BoundProof) -> Relaxation:
     """Return the relaxation that a proof is about."""
     if proof.cutoff.shape != (1,) or not proof.cutoff[0] > 0:
         raise InvalidInput("proof cutoff", "one positive number", value=proof.cutoff.tolist())
@@ -201,7 +207,7 @@ def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
     return Relaxation(problem, float(proof.cutoff[0]), time_unit, np.array(lengths))
 
 
-def _proof_rows(relaxation: Relaxation, proof: Proof) -> _ProofRows:
+def _proof_rows(relaxation: Relaxation, proof: BoundProof) -> _ProofRows:
     squares = []
     for segment, at in proof.square_tangents.tolist():
         _check_place(at)
@@ -233,7 +239,7 @@ def _ramp(relaxation: Relaxation, segment: float, joint: float, side: float) -> 
     return ramp
 
 
-def _cuts(relaxation: Relaxation, proof: Proof) -> Rows:
+def _cuts(relaxation: Relaxation, proof: BoundProof) -> BoundConstraints:
     first = 0
     given = []
     for segment, joint, count in proof.cuts.tolist():
@@ -246,7 +252,7 @@ def _cuts(relaxation: Relaxation, proof: Proof) -> Rows:
     return cuts(relaxation, given)
 
 
-def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> Rows:
+def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
     """Return rows of costates as rows of the relaxation.
 
     Raises:
@@ -280,7 +286,9 @@ def _check_cells(relaxation: Relaxation, row: Cut) -> None:
         raise InvalidInput("proof cells", "no p for a joint without jerk limits")
 
 
-def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> float:
+def dual_bound(
+    objective: Array, box: VariableBounds, rows: BoundConstraints, multipliers: Array
+) -> float:
     """Return the lower bound of an objective on a box that multipliers prove, rounded down.
 
     Args:
@@ -305,7 +313,7 @@ def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> fl
     return bound if np.isfinite(bound) else -np.inf
 
 
-def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
+def _walked(relaxation: Relaxation, rows: _ProofRows, proof: BoundProof) -> float:
     """Walk through the tree and return the lowest bound of its leaves."""
     box = relaxation.root_box()
     if is_empty(box):
@@ -341,18 +349,22 @@ def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
     return lowest
 
 
-def branched(relaxation: Relaxation, box: Box, column: int, value: float) -> tuple[Box, Box]:
+def branched(
+    relaxation: Relaxation, box: VariableBounds, column: int, value: float
+) -> tuple[VariableBounds, VariableBounds]:
     """Return both parts of a box, split at a value of one variable."""
     high = box.high.copy()
     high[column] = min(high[column], value)
     low = box.low.copy()
     low[column] = max(low[column], value)
-    lower = _completed(relaxation, Box(box.low, high))
-    upper = _completed(relaxation, Box(low, box.high))
+    lower = _completed(relaxation, VariableBounds(box.low, high))
+    upper = _completed(relaxation, VariableBounds(low, box.high))
     return lower, upper
 
 
-def moved(relaxation: Relaxation, box: Box, column: int, raises: bool, bound: float) -> Box:
+def moved(
+    relaxation: Relaxation, box: VariableBounds, column: int, raises: bool, bound: float
+) -> VariableBounds:
     """Return the box with one side moved as far as a bound on `x` (or on `−x`) proves."""
     low = box.low.copy()
     high = box.high.copy()
@@ -360,21 +372,25 @@ def moved(relaxation: Relaxation, box: Box, column: int, raises: bool, bound: fl
         low[column] = max(low[column], bound)
     else:
         high[column] = min(high[column], -bound)
-    return _completed(relaxation, Box(low, high))
+    return _completed(relaxation, VariableBounds(low, high))
 
 
-def is_empty(box: Box) -> bool:
+def is_empty(box: VariableBounds) -> bool:
     """Return whether a box holds no point."""
     return bool((box.low > box.high).any())
 
 
-def _completed(relaxation: Relaxation, box: Box) -> Box:
+def _completed(relaxation: Relaxation, box: VariableBounds) -> VariableBounds:
     """Complete a box unless it is empty."""
     return box if is_empty(box) else relaxation.completed(box)
 
 
 def _step_bound(
-    relaxation: Relaxation, rows: _ProofRows, box: Box, objective: Array, multipliers: Array
+    relaxation: Relaxation,
+    rows: _ProofRows,
+    box: VariableBounds,
+    objective: Array,
+    multipliers: Array,
 ) -> float:
     """Return the bound that a step's multipliers prove; infinity on an empty box."""
     if is_empty(box):

@@ -36,7 +36,7 @@ _WIDE_JERK_ONE_SIDE = 1e6
 _MIN_WIDTH = 2.0**-34
 
 
-class Point(NamedTuple):
+class NormalisedSegment(NamedTuple):
     """States and limits of segments and joints in normalised time: arrays of one shape.
 
     Attributes:
@@ -60,7 +60,7 @@ class Point(NamedTuple):
     j_up: Array
     j_down: Array
 
-    def limited(self) -> Point:
+    def limited(self) -> NormalisedSegment:
         """Replace infinite jerk limits by very wide ones."""
         free_up = np.isinf(self.j_up)
         free_down = np.isinf(self.j_down)
@@ -69,14 +69,14 @@ class Point(NamedTuple):
             j_up=np.where(free_up, none, self.j_up), j_down=np.where(free_down, none, self.j_down)
         )
 
-    def reversed(self) -> Point:
+    def reversed(self) -> NormalisedSegment:
         """Reverse time: accelerations change their sign, and jerks do not."""
         return self._replace(
             v0=self.v1, v1=self.v0, a0=-self.a1, a1=-self.a0, a_up=self.a_down, a_down=self.a_up
         )
 
 
-class Instants(NamedTuple):
+class PhaseEnds(NamedTuple):
     """Ends of the phases of the longest displacement, but for the last one."""
 
     jerk: Array
@@ -150,7 +150,7 @@ def _with_width(cells: Array) -> Array:
     return chosen
 
 
-def families(point: Point) -> list[Array]:
+def families(point: NormalisedSegment) -> list[Array]:
     """Return costates of all segments and joints and their mirror images, by family.
 
     Returns:
@@ -169,7 +169,7 @@ def families(point: Point) -> list[Array]:
     return tables
 
 
-def _points(relaxation: Relaxation, x: Array) -> Point:
+def _points(relaxation: Relaxation, x: Array) -> NormalisedSegment:
     """Return all segments and joints, then their mirror images: `(2, segments, joints)`."""
     v0, v1 = x[relaxation.velocity_at]
     after, before = x[relaxation.scaled_at]
@@ -180,7 +180,7 @@ def _points(relaxation: Relaxation, x: Array) -> Point:
     v_down = relaxation.v[0] * np.ones_like(time)
     v_up = relaxation.v[1] * np.ones_like(time)
     h = relaxation.h * x[relaxation.inverse][:, None]
-    return Point(
+    return NormalisedSegment(
         h=_mirrored(h, -h),
         v0=_mirrored(v0, -v0),
         v1=_mirrored(v1, -v1),
@@ -199,7 +199,7 @@ def _mirrored(values: Array, mirrored: Array) -> Array:
     return np.stack([values, mirrored])
 
 
-def _without_free_jerk(point: Point, cells: Array) -> None:
+def _without_free_jerk(point: NormalisedSegment, cells: Array) -> None:
     """Set `p` to 0 where its sign has no jerk limit: such phases take no time."""
     p0 = cells[..., 1]
     p1 = cells[..., 2]
@@ -236,7 +236,7 @@ def _cell(
 # --- the longest displacement ---
 
 
-def _displacement(point: Point) -> Array:
+def _displacement(point: NormalisedSegment) -> Array:
     """`λ = 1`, `q = m − τ` but for the cruise, where it is 0, and `p' = −q` but for the holds.
 
     While jerk is at its limit downwards `p = (τ − r)(τ − s)/2` with the phase's ends as roots; so
@@ -280,7 +280,7 @@ def _held(start: Array, m: Array) -> Array:
     return _cell(start, q0=m - start, q1=-1.0, slope=1.0)
 
 
-def _instants(point: Point) -> Instants:
+def _instants(point: NormalisedSegment) -> PhaseEnds:
     """Return the switching times, with a cruise if the way without one exceeds the limit."""
 
     def is_early(instant: Array) -> Bools:
@@ -291,15 +291,15 @@ def _instants(point: Point) -> Instants:
     jerk, peak, _ = _rising(point, hold)
     brake, brake_hold, _ = _falling(point, hold)
     middle = (hold + brake) / 2
-    direct = Instants(jerk, hold, middle, middle, brake, brake_hold)
+    direct = PhaseEnds(jerk, hold, middle, middle, brake, brake_hold)
     cruises = (_height(point, hold) > point.v_up) & (peak > 0)
     if not cruises.any():
         return direct
     by_cruise = _with_cruise(point)
-    return Instants(*np.where(cruises, by_cruise, direct))
+    return PhaseEnds(*np.where(cruises, by_cruise, direct))
 
 
-def _with_cruise(point: Point) -> Instants:
+def _with_cruise(point: NormalisedSegment) -> PhaseEnds:
     rise = _to_cruise(point)
     fall = _to_cruise(point.reversed())
     # the rise and the fall meet in the middle if there is no time for a cruise
@@ -308,10 +308,10 @@ def _with_cruise(point: Point) -> Instants:
     jerk, hold, release = np.minimum(rise, middle)
     fall = np.minimum(fall, 1 - middle)
     brake_hold, brake, cruise = 1 - fall
-    return Instants(jerk, hold, release, cruise, brake, brake_hold)
+    return PhaseEnds(jerk, hold, release, cruise, brake, brake_hold)
 
 
-def _to_cruise(point: Point) -> Array:
+def _to_cruise(point: NormalisedSegment) -> Array:
     """Return when a rise has full acceleration, leaves it, and is at the velocity limit."""
 
     def is_low(instant: Array) -> Bools:
@@ -323,7 +323,7 @@ def _to_cruise(point: Point) -> Array:
     return np.stack([jerk, hold, np.minimum(release, 1.0)])
 
 
-def _latest(holds: Callable[[Array], Bools], point: Point) -> Array:
+def _latest(holds: Callable[[Array], Bools], point: NormalisedSegment) -> Array:
     """Return the latest instant up to which a condition holds; 0 if it never holds."""
     low = np.zeros_like(point.v0)
     high = np.ones_like(point.v0)
@@ -335,7 +335,7 @@ def _latest(holds: Callable[[Array], Bools], point: Point) -> Array:
     return low
 
 
-def _rising(point: Point, instant: Array) -> tuple[Array, Array, Array]:
+def _rising(point: NormalisedSegment, instant: Array) -> tuple[Array, Array, Array]:
     """Return when acceleration is full, its peak, and the velocity gained until an instant."""
     missing = point.a_up - point.a0
     ramp = np.clip(missing / point.j_up, 0.0, 1.0)
@@ -346,14 +346,14 @@ def _rising(point: Point, instant: Array) -> tuple[Array, Array, Array]:
     return full, peak, ramped + held
 
 
-def _height(point: Point, instant: Array) -> Array:
+def _height(point: NormalisedSegment, instant: Array) -> Array:
     """Return the final velocity of a rise that is released at an instant."""
     _, peak, gained = _rising(point, instant)
     released = np.maximum(peak, 0.0) ** 2 / (2 * point.j_down)
     return point.v0 + gained + released
 
 
-def _falling(point: Point, instant: Array) -> tuple[Array, Array, Array]:
+def _falling(point: NormalisedSegment, instant: Array) -> tuple[Array, Array, Array]:
     """Return when deceleration is full, when it is released, and the velocity at the end.
 
     Jerk is at its limit downwards from the instant, and upwards at last, so that the acceleration
@@ -385,7 +385,7 @@ def _falling(point: Point, instant: Array) -> tuple[Array, Array, Array]:
 # --- the others ---
 
 
-def _end_velocity(point: Point) -> Array:
+def _end_velocity(point: NormalisedSegment) -> Array:
     """`q = 1`, and `p` falls to 0, stays there while acceleration is held, and falls on."""
     rise = (point.a_up - point.a0) / point.j_up
     fall = (point.a_up - point.a1) / point.j_down
@@ -405,21 +405,21 @@ def _end_velocity(point: Point) -> Array:
     return np.stack(phases, axis=-2)
 
 
-def _velocity_after_start(point: Point) -> Array:
+def _velocity_after_start(point: NormalisedSegment) -> Array:
     """`q = −1` until the acceleration at the start is taken back."""
     release = np.clip(point.a0 / point.j_down, 0.0, 1.0)
     phases = [_cell(np.zeros_like(release), p0=-release, p1=1.0, q0=-1.0), _cell(release)]
     return np.stack(phases, axis=-2)
 
 
-def _velocity_before_end(point: Point) -> Array:
+def _velocity_before_end(point: NormalisedSegment) -> Array:
     """`q = 1` from where the deceleration at the end begins."""
     braking = np.clip(-point.a1 / point.j_down, 0.0, 1.0)
     phases = [_cell(np.zeros_like(braking)), _cell(1 - braking, p1=-1.0, q0=1.0)]
     return np.stack(phases, axis=-2)
 
 
-def _end_acceleration(point: Point) -> Array:
+def _end_acceleration(point: NormalisedSegment) -> Array:
     """`p = 1`."""
     whole = _cell(np.zeros_like(point.a0), p0=1.0)
     return whole[..., None, :]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.lower_bound.relaxation import Box, Relaxation, Rows
+from baselines.lower_bound.relaxation import BoundConstraints, Relaxation, VariableBounds
 from trajopt.core.arrays import Array
 
 
@@ -31,7 +31,9 @@ class Ramp(NamedTuple):
     side: int
 
 
-def square_rows(relaxation: Relaxation, given: Sequence[SquareTangent], box: Box) -> Rows:
+def square_rows(
+    relaxation: Relaxation, given: Sequence[SquareTangent], box: VariableBounds
+) -> BoundConstraints:
     """`Q ≤ (h + 2t) T − (2 h t + t²) + h t² S` for `T ≤ h`, since `(h − T)(T − t)²/T ≥ 0`.
 
     Args:
@@ -57,7 +59,7 @@ def square_rows(relaxation: Relaxation, given: Sequence[SquareTangent], box: Box
     return rows
 
 
-def square_tangents(relaxation: Relaxation, x: Array, box: Box) -> list[SquareTangent]:
+def square_tangents(relaxation: Relaxation, x: Array, box: VariableBounds) -> list[SquareTangent]:
     """Return each segment's square tangent that a point violates most, if it can violate one."""
     longest = box.high[relaxation.time]
     # (h S − 1) t² − 2 (h − T) t is least at the tangent's place
@@ -71,7 +73,7 @@ def square_tangents(relaxation: Relaxation, x: Array, box: Box) -> list[SquareTa
     return given
 
 
-def ramp_row(relaxation: Relaxation, given: Ramp) -> Rows:
+def ramp_row(relaxation: Relaxation, given: Ramp) -> BoundConstraints:
     """`a₁ − a₀ ≤ J T` of the accelerations at the segment's ends; downwards `a₀ − a₁ ≤ J T`."""
     segment, joint, side = given
     sign = 1.0 if side else -1.0

@@ -80,7 +80,7 @@ class RatioProof:
         return cls(**{name: np.asarray(stats[_PREFIX + name], dtype=float) for name in names})
 
 
-class Proved(NamedTuple):
+class ProvedSpline(NamedTuple):
     """Segment times (s) of the best spline known, and the proof of how much shorter others can be.
 
     There is no proof where a segment is so short beside the others that rounding decides.
@@ -90,7 +90,7 @@ class Proved(NamedTuple):
     proof: RatioProof | None
 
 
-def prove(problem: Problem, within: float, deadline: float) -> Proved:
+def prove(problem: Problem, within: float, deadline: float) -> ProvedSpline:
     """Search until no spline is shorter than the best one known by more than a given share.
 
     Args:
@@ -116,17 +116,17 @@ def prove(problem: Problem, within: float, deadline: float) -> Proved:
             reached = gap
         else:
             break
-    return Proved(times, proof)
+    return ProvedSpline(times, proof)
 
 
-class Outcome(NamedTuple):
+class SearchResult(NamedTuple):
     """Result of a search: a proof, or a shorter spline's segment times (s), or neither."""
 
     proof: RatioProof | None
     times: Array | None
 
 
-class _Rows(NamedTuple):
+class _ImposedLimits(NamedTuple):
     """Limits at instants: the monomials' sum is at most `t2^order`, or 0 for a position limit.
 
     Attributes:
@@ -173,7 +173,7 @@ class Ratios:
         highest = np.log(high[1] / low[::2]) + _ROUNDING_RTOL
         self.root = Boxes(lowest[None], highest[None])
 
-    def search(self, instants: Array, deadline: float) -> Outcome:
+    def search(self, instants: Array, deadline: float) -> SearchResult:
         """Halve boxes until all are proved, a shorter spline is found, or time is over.
 
         Args:
@@ -181,23 +181,23 @@ class Ratios:
             deadline: Of `time.perf_counter`.
         """
         if self.is_empty:
-            return Outcome(self._proof(instants, []), None)
+            return SearchResult(self._proof(instants, []), None)
         boxes = self.root
         flags: list[Bools] = []
         while len(boxes.low):
             late = time.perf_counter() > deadline
             width = (boxes.high - boxes.low).max()
             if late or width < _MIN_LOG_WIDTH or len(boxes.low) > _MAX_BOXES:
-                return Outcome(None, None)
+                return SearchResult(None, None)
             rows = self._rows(instants)
             proved = self._proved(rows, boxes)
             flags.append(proved)
             rest = boxes.only(~proved)
             shorter, instants = self._exchanged(rows, rest.centre, instants)
             if shorter is not None:
-                return Outcome(None, shorter)
+                return SearchResult(None, shorter)
             boxes = rest.halved()
-        return Outcome(self._proof(instants, flags), None)
+        return SearchResult(self._proof(instants, flags), None)
 
     def check(self, proof: RatioProof) -> bool:
         """Return whether the proof's boxes cover all ratios, and each one is proved."""
@@ -223,7 +223,7 @@ class Ratios:
         leaves = np.packbits(every).astype(float)
         return RatioProof(np.array([self.cutoff]), instants, leaves)
 
-    def _rows(self, instants: Array) -> _Rows:
+    def _rows(self, instants: Array) -> _ImposedLimits:
         spline = self.spline
         d1, h, d3 = spline.displacements.T
         parts = np.stack([h, 3 * d1, 3 * d3, 6 * d1, -6 * d3], axis=-1)
@@ -246,7 +246,7 @@ class Ratios:
             tables.append(table)
             orders.append(0)
         counts = [len(table) for table in tables]
-        return _Rows(coefficients=np.concatenate(tables), orders=np.repeat(orders, counts))
+        return _ImposedLimits(coefficients=np.concatenate(tables), orders=np.repeat(orders, counts))
 
     def _position_tables(self, instants: Array, parts: Array) -> Iterator[Array]:
         """Yield a position's distance beyond each limit, over the joint's largest displacement."""
@@ -263,7 +263,9 @@ class Ratios:
             beyond *= sign / sizes[finite, None]
             yield _padded(beyond)
 
-    def _exchanged(self, rows: _Rows, points: Array, instants: Array) -> tuple[Array | None, Array]:
+    def _exchanged(
+        self, rows: _ImposedLimits, points: Array, instants: Array
+    ) -> tuple[Array | None, Array]:
         """Return a shorter spline's segment times among points, or more instants that exclude them.
 
         Points that some row excludes already are left out.
@@ -283,7 +285,7 @@ class Ratios:
         found = [_critical_instants(self.spline, own) for own in times[nearest]]
         return None, np.unique(np.concatenate([instants, *found]))
 
-    def _excess(self, rows: _Rows, points: Array) -> Array:
+    def _excess(self, rows: _ImposedLimits, points: Array) -> Array:
         """Return each row's sum minus the longest `t2` to its order, `(points, rows)`."""
         sums = _monomials(points) @ rows.coefficients.T
         return sums - self._thresholds(points)[:, rows.orders]
@@ -302,7 +304,7 @@ class Ratios:
         powers[:, 0] = 0.0
         return powers
 
-    def _proved(self, rows: _Rows, boxes: Boxes) -> Bools:
+    def _proved(self, rows: _ImposedLimits, boxes: Boxes) -> Bools:
         """Return which boxes hold no spline shorter than the cut-off."""
         parts = [np.zeros(0, dtype=bool)]
         for begin in range(0, len(boxes.low), _BOXES_AT_ONCE):
@@ -311,7 +313,7 @@ class Ratios:
             parts.append(self._proved_at_once(rows, some))
         return np.concatenate(parts)
 
-    def _proved_at_once(self, rows: _Rows, boxes: Boxes) -> Bools:
+    def _proved_at_once(self, rows: _ImposedLimits, boxes: Boxes) -> Bools:
         """Bound each row from below by the mean value theorem.
 
         A row is a limit's sum of monomials minus the longest `t2` to the power of its order. It is

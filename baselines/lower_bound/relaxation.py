@@ -29,30 +29,34 @@ ROW_ENTRIES = 7
 _MCCORMICK_ROWS = 4
 
 
-class Rows(NamedTuple):
+class BoundConstraints(NamedTuple):
     """Inequalities `Σ coefficients · x[columns] ≤ bounds`, `(rows, entries)` and `(rows,)`."""
 
     columns: Indices
     coefficients: Array
     bounds: Array
 
-    def chosen(self, numbers: Indices) -> Rows:
+    def chosen(self, numbers: Indices) -> BoundConstraints:
         """Return some of the rows."""
-        return Rows(self.columns[numbers], self.coefficients[numbers], self.bounds[numbers])
+        return BoundConstraints(
+            self.columns[numbers], self.coefficients[numbers], self.bounds[numbers]
+        )
 
-    def single(self, number: int) -> Rows:
+    def single(self, number: int) -> BoundConstraints:
         """Return one of the rows."""
         one = slice(number, number + 1)
-        return Rows(self.columns[one], self.coefficients[one], self.bounds[one])
+        return BoundConstraints(self.columns[one], self.coefficients[one], self.bounds[one])
 
 
-def joined(parts: Sequence[Rows]) -> Rows:
+def joined(parts: Sequence[BoundConstraints]) -> BoundConstraints:
     """Put rows one after the other."""
     columns, coefficients, bounds = zip(*parts, strict=True)
-    return Rows(np.concatenate(columns), np.concatenate(coefficients), np.concatenate(bounds))
+    return BoundConstraints(
+        np.concatenate(columns), np.concatenate(coefficients), np.concatenate(bounds)
+    )
 
 
-class Box(NamedTuple):
+class VariableBounds(NamedTuple):
     """Bounds of the variables, `(variables,)` each."""
 
     low: Array
@@ -192,7 +196,7 @@ class Relaxation:
         objective[self.time] = 1.0
         return objective
 
-    def root_box(self) -> Box:
+    def root_box(self) -> VariableBounds:
         """Return a box that holds every motion below the cut-off."""
         low = np.zeros(self.variables)
         high = np.zeros(self.variables)
@@ -206,9 +210,9 @@ class Relaxation:
         high[self.velocity] = self.v[1]
         low[self.acceleration] = np.where(self.jerky, -self.a[0], 0.0)
         high[self.acceleration] = np.where(self.jerky, self.a[1], 0.0)
-        return self.completed(Box(low, high))
+        return self.completed(VariableBounds(low, high))
 
-    def completed(self, box: Box) -> Box:
+    def completed(self, box: VariableBounds) -> VariableBounds:
         """Return the box with the bounds of `S`, `Q` and `a T` that follow from the others."""
         low = box.low.copy()
         high = box.high.copy()
@@ -228,9 +232,9 @@ class Relaxation:
             )
             low[side] = least
             high[side] = most
-        return Box(low, high)
+        return VariableBounds(low, high)
 
-    def box_rows(self, box: Box) -> Rows:
+    def box_rows(self, box: VariableBounds) -> BoundConstraints:
         """Return the rows of a box: the cut-off, then secants, then McCormick's rows."""
         parts = (self._cutoff_row(), self._secants(box), self._mccormick(box))
         return joined(parts)
@@ -240,19 +244,19 @@ class Relaxation:
         """Width of a row. Entries that it does not need multiply the variable that is 0."""
         return max(ROW_ENTRIES, self.segments)
 
-    def blank(self, count: int) -> Rows:
+    def blank(self, count: int) -> BoundConstraints:
         """Return rows of zeros."""
         shape = (count, self.entries)
-        return Rows(np.full(shape, self.nothing), np.zeros(shape), np.zeros(count))
+        return BoundConstraints(np.full(shape, self.nothing), np.zeros(shape), np.zeros(count))
 
-    def _cutoff_row(self) -> Rows:
+    def _cutoff_row(self) -> BoundConstraints:
         row = self.blank(1)
         row.columns[0, self.time] = self.time
         row.coefficients[0, self.time] = 1.0
         row.bounds[0] = self.cutoff
         return row
 
-    def _secants(self, box: Box) -> Rows:
+    def _secants(self, box: VariableBounds) -> BoundConstraints:
         """`T + lo hi S ≤ lo + hi` and `Q ≤ (lo + hi) T − lo hi`."""
         low = box.low[self.time]
         high = box.high[self.time]
@@ -269,7 +273,7 @@ class Relaxation:
         rows.bounds[1::2] = -low * high
         return rows
 
-    def _mccormick(self, box: Box) -> Rows:
+    def _mccormick(self, box: VariableBounds) -> BoundConstraints:
         """`α` between the products' envelopes: with `x, t` a corner, `(a − x)(T − t)` has a sign.
 
         `α ≥ x T + t a − x t` at the corners low-low and high-high, `≤` at the two others.
@@ -302,7 +306,7 @@ class Relaxation:
             parts.append(rows)
         return joined(parts)
 
-    def tangent(self, segment: int, at: float) -> Rows:
+    def tangent(self, segment: int, at: float) -> BoundConstraints:
         """`S ≥ 2/t − T/t²`, that is `−T − t² S ≤ −2t`, wherever `t > 0`."""
         row = self.blank(1)
         row.columns[0, 0] = self.time[segment]

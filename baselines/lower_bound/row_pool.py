@@ -17,11 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # its parts are imported when they are used: listing planners needs none
 
-from baselines.linear_programs import TOLERANCE, Answer, LinearProgram
+from baselines.linear_programs import TOLERANCE, LinearOptimum, LinearProgram
 from baselines.lower_bound import dual_check
 from baselines.lower_bound.costates import CELL_COLUMNS, Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
-from baselines.lower_bound.relaxation import Box, Relaxation, Rows, joined, powers_of_two
+from baselines.lower_bound.relaxation import (
+    BoundConstraints,
+    Relaxation,
+    VariableBounds,
+    joined,
+    powers_of_two,
+)
 from trajopt.core.arrays import Array, Indices
 
 # Programs after which a row without a multiplier is dropped, and between two looks for such rows.
@@ -43,7 +49,7 @@ Source = Tangent | SquareTangent | Ramp | Cut
 _KINDS: list[type] = [SquareTangent, Tangent, Ramp, Cut]
 
 
-class Proved(NamedTuple):
+class ProvedRows(NamedTuple):
     """The rows that multipliers use, counted through box and pool, and the bound they prove."""
 
     rows: Indices
@@ -65,10 +71,10 @@ class RowPool:
         row_units: What each row of the program was divided by.
     """
 
-    def __init__(self, relaxation: Relaxation, box: Box) -> None:
+    def __init__(self, relaxation: Relaxation, box: VariableBounds) -> None:
         self.relaxation = relaxation
         self.programs = 0
-        self.found: list[Rows] = []
+        self.found: list[BoundConstraints] = []
         self.sources: list[Source] = []
         self.present: list[int] = []
         self.used_at: list[int] = []
@@ -96,14 +102,14 @@ class RowPool:
             above=rows.bounds,
         )
 
-    def _in_units(self, rows: Rows) -> tuple[Rows, Array]:
+    def _in_units(self, rows: BoundConstraints) -> tuple[BoundConstraints, Array]:
         """Return rows in the program's units, and what each was divided by."""
         coefficients = rows.coefficients * self.units[rows.columns]
         row_units = powers_of_two(np.abs(coefficients).max(axis=1))
         coefficients /= row_units[:, None]
-        return Rows(rows.columns, coefficients, rows.bounds / row_units), row_units
+        return BoundConstraints(rows.columns, coefficients, rows.bounds / row_units), row_units
 
-    def enter(self, box: Box) -> None:
+    def enter(self, box: VariableBounds) -> None:
         """Ask about another box from now on."""
         self.box = box
         self.box_rows = self.relaxation.box_rows(box)
@@ -124,7 +130,7 @@ class RowPool:
         for place, number in enumerate(numbers):
             self.found[number] = rows.single(place)
 
-    def minimised(self, objective: Array) -> Answer:
+    def minimised(self, objective: Array) -> LinearOptimum:
         """Return the minimum, with multipliers of the box's rows and then of all the pool's.
 
         Raises:
@@ -146,7 +152,7 @@ class RowPool:
             return answer._replace(multipliers=multipliers)
         # HiGHS may leave the box by its tolerance
         inside = np.clip(answer.x * self.units, self.box.low, self.box.high)
-        return Answer(inside, answer.value * unit, multipliers * unit)
+        return LinearOptimum(inside, answer.value * unit, multipliers * unit)
 
     # --- rows ---
 
@@ -170,7 +176,7 @@ class RowPool:
         numbers = np.flatnonzero(violated)
         self._add([sources[number] for number in numbers.tolist()], rows.chosen(numbers))
 
-    def _rows_of(self, sources: Sequence[Any]) -> Rows:
+    def _rows_of(self, sources: Sequence[Any]) -> BoundConstraints:
         """Return the rows of sources of one kind."""
         match sources:
             case [SquareTangent(), *_]:
@@ -182,7 +188,7 @@ class RowPool:
         tangents = [self.relaxation.tangent(*tangent) for tangent in sources]
         return joined([self.relaxation.blank(0), *tangents])
 
-    def _add(self, sources: Sequence[Source], rows: Rows) -> None:
+    def _add(self, sources: Sequence[Source], rows: BoundConstraints) -> None:
         for number, source in enumerate(sources):
             row = rows.single(number)
             if self._append(row):
@@ -191,7 +197,7 @@ class RowPool:
                 self.found.append(row)
                 self.sources.append(source)
 
-    def _append(self, row: Rows) -> bool:
+    def _append(self, row: BoundConstraints) -> bool:
         """Append a row to the program; return whether HiGHS accepts its numbers."""
         scaled, row_unit = self._in_units(row)
         used = scaled.columns[0] != self.relaxation.nothing
@@ -204,14 +210,14 @@ class RowPool:
 
     # --- proofs ---
 
-    def proved(self, objective: Array, multipliers: Array) -> Proved:
+    def proved(self, objective: Array, multipliers: Array) -> ProvedRows:
         """Return the bound of an objective on the box that multipliers prove."""
         used = np.flatnonzero(multipliers > 0)
         of_box = used[used < self.box_count]
         of_pool = used[used >= self.box_count] - self.box_count
         rows = joined([self.box_rows.chosen(of_box), *(self.found[n] for n in of_pool)])
         bound = dual_check.dual_bound(objective, self.box, rows, multipliers[used])
-        return Proved(used, multipliers[used], bound)
+        return ProvedRows(used, multipliers[used], bound)
 
     def tables(self, used: Indices) -> tuple[dict[str, Array], Indices]:
         """Return the rows used as a proof stores them, and the new numbers of all rows."""
@@ -244,6 +250,6 @@ def _table(rows: Sequence[Sequence[float]], columns: int) -> Array:
     return np.array(rows, dtype=float).reshape(-1, columns)
 
 
-def _farthest(box: Box) -> Array:
+def _farthest(box: VariableBounds) -> Array:
     """Return the powers of two next to the largest sizes of a box's variables."""
     return powers_of_two(np.maximum(np.abs(box.low), np.abs(box.high)))

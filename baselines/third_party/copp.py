@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from baselines.third_party import Rival, splines_after
-from baselines.topp_ra import Grid, Knots, cut, spline, timed, unit_path
+from baselines.topp_ra import Knots, PathGrid, cut, spline, timed, unit_path
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -121,7 +121,7 @@ def _sides(bounds: Array) -> tuple[Array, Array]:
     return high.copy(), low.copy()
 
 
-def _derivatives(grid: Grid) -> list[Array]:
+def _derivatives(grid: PathGrid) -> list[Array]:
     """Return the path and three derivatives at all gridpoints, each `(gridpoints, joints)`."""
     step = grid.step[:, None]
     derivatives = []
@@ -134,7 +134,7 @@ def _derivatives(grid: Grid) -> list[Array]:
 
 
 def _sampled(
-    derivatives: list[Array], profile: Any, times: Array, grid: Grid, waypoints: Array
+    derivatives: list[Array], profile: Any, times: Array, grid: PathGrid, waypoints: Array
 ) -> Trajectory:
     """Return the motion through the gridpoints' positions, velocities and accelerations."""
     position, slope, bend, _ = derivatives

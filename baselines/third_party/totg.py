@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.third_party import Rival, splines_after
-from baselines.topp_ra import Ends, Grid, Knots, cut, spline, timed, unit_path
+from baselines.topp_ra import Ends, Knots, PathGrid, cut, spline, timed, unit_path
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import Problem
@@ -160,7 +160,7 @@ def _motion(
     projected = (velocities * circles.tangent).sum(axis=1)
     speeds = projected / (circles.tangent**2).sum(axis=1)
     speeds[[0, -1]] = 0  # but for rounding
-    return timed(Grid(at, steps, local), speeds, at[waypoints])
+    return timed(PathGrid(at, steps, local), speeds, at[waypoints])
 
 
 def _narrowed(bounds: Array) -> Array:

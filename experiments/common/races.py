@@ -38,7 +38,7 @@ def problems(random: int) -> list[Problem]:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class RaceResult:
     """Result of a race.
 
     Attributes:
@@ -62,7 +62,7 @@ class Outcome:
 
 def run(
     entrants: Mapping[str, Planner], field: Sequence[Problem], seeds: int, folder: Path
-) -> Outcome:
+) -> RaceResult:
     """Compare the entrants on problems, and prove the best 3-5-3 of each.
 
     Raises:
@@ -75,7 +75,7 @@ def run(
     return outcome(results, list(entrants))
 
 
-def outcome(results: Results, entrants: Sequence[str]) -> Outcome:
+def outcome(results: Results, entrants: Sequence[str]) -> RaceResult:
     """Return the outcome of a comparison in which `proof` bounds every problem."""
     proofs = {}
     for trial in results.items:
@@ -105,10 +105,10 @@ def outcome(results: Results, entrants: Sequence[str]) -> Outcome:
         rows.append(row)
     columns = ["lower bound s", "width"]
     proof = pd.DataFrame.from_dict(proofs, orient="index", columns=columns)
-    return Outcome(pd.DataFrame(rows), histories, proof.rename_axis("problem"))
+    return RaceResult(pd.DataFrame(rows), histories, proof.rename_axis("problem"))
 
 
-def summary(outcome: Outcome) -> pd.DataFrame:
+def summary(outcome: RaceResult) -> pd.DataFrame:
     """A row per entrant: gaps (%), success rates, expected evaluations to each target.
 
     Gap quartiles are of the medians per problem. Success rates and expected evaluations are over
@@ -128,7 +128,7 @@ def summary(outcome: Outcome) -> pd.DataFrame:
     return table.rename_axis("entrant")
 
 
-def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame:
+def compared(outcome: RaceResult, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame:
     """A row per `(entrant, reference)`; "shorter" is the chance that a run of the entrant is.
 
     Over problems: Wilcoxon's test of ratios of median gaps, one per problem, and the mean over
@@ -148,7 +148,7 @@ def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame
     return table.rename_axis(["entrant", "reference"])
 
 
-def against(outcome: Outcome, reference: str) -> pd.DataFrame:
+def against(outcome: RaceResult, reference: str) -> pd.DataFrame:
     """Every other entrant compared with `reference`, as `compared` does."""
     pairs = [(name, reference) for name in outcome.histories if name != reference]
     return compared(outcome, pairs)

@@ -15,7 +15,7 @@ from trajopt.core.arrays import Array
 from trajopt.planners import spline353
 from trajopt.planners.registry import configured, load, options
 from trajopt.planners.swarm.optimiser import added
-from trajopt.planners.swarm_planner import Group, SegmentTimes, SwarmPlanner
+from trajopt.planners.swarm_planner import JointGroup, SegmentTimes, SwarmPlanner
 
 Excess = Callable[[Array, Array, Limits], Array]
 
@@ -34,13 +34,13 @@ class Fitness:
 
 
 @dataclass(frozen=True, eq=False)
-class OtherGroup(Group):
+class OtherGroup(JointGroup):
     """Joints with common segment times, and another fitness."""
 
     fitness: Fitness
 
     @classmethod
-    def like(cls, group: Group, fitness: Fitness) -> OtherGroup:
+    def like(cls, group: JointGroup, fitness: Fitness) -> OtherGroup:
         low, high = fitness.box
         return cls(**vars(group) | {"low": low, "high": high}, fitness=fitness)
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from experiments.published.judged import Judged, optimised
+from experiments.published.judged import JudgedProblem, optimised
 from trajopt.explain.verdicts import JudgedClaim, Verdict
 from trajopt.views.figures import plots, style
 
@@ -17,7 +17,7 @@ _ROW = 0.24  # in, of a claim
 _TICKS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5)
 
 
-def _mark(problem: Judged, judgement: JudgedClaim) -> dict[str, Any]:
+def _mark(problem: JudgedProblem, judgement: JudgedClaim) -> dict[str, Any]:
     """Filled where something was optimised, hollow where nothing was, a cross if impossible."""
     if judgement.verdict is Verdict.IMPOSSIBLE:
         return {"marker": "X", "ms": 7, "color": style.BLACK}
@@ -28,7 +28,7 @@ def _mark(problem: Judged, judgement: JudgedClaim) -> dict[str, Any]:
 
 
 @plots.styled
-def of_all(problems: list[Judged]) -> Figure:
+def of_all(problems: list[JudgedProblem]) -> Figure:
     """Every claim over the best known of its problem, the closest above; stopping is marked."""
     shown = [problem for problem in problems if problem.judgements and problem.known.best]
     shown.sort(key=_nearest)
@@ -50,7 +50,7 @@ def of_all(problems: list[Judged]) -> Figure:
     return figure
 
 
-def _nearest(problem: Judged) -> float:
+def _nearest(problem: JudgedProblem) -> float:
     """The smallest ratio that a source got by optimising."""
     ratios = []
     for judgement in problem.judgements:
@@ -60,7 +60,7 @@ def _nearest(problem: Judged) -> float:
     return min(ratios)[1]
 
 
-def _row_of_all(axes: Axes, row: int, problem: Judged) -> None:
+def _row_of_all(axes: Axes, row: int, problem: JudgedProblem) -> None:
     known = problem.known
     assert known.best is not None
     axes.plot(

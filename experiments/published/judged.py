@@ -11,11 +11,11 @@ from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
-from trajopt.explain.verdicts import JudgedClaim, Known, judge, survey
+from trajopt.explain.verdicts import JudgedClaim, Known, judge_claim, survey
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedProblem:
     """A published problem that can be stated here.
 
     Attributes:
@@ -38,14 +38,14 @@ class Judged:
         return f"trajopt claims {self.name}"
 
 
-def judged(name: str, time_limit: float) -> Judged:
+def judged(name: str, time_limit: float) -> JudgedProblem:
     """Survey a published problem and judge its claims."""
     published = literature.published(name)
     assert published.problem is not None
     computed = survey(published.problem, published.families, time_limit=time_limit)
     known = with_record(computed)
-    judgements = [judge(claim, known) for claim in published.claims]
-    return Judged(published, known, tuple(judgements))
+    judgements = [judge_claim(claim, known) for claim in published.claims]
+    return JudgedProblem(published, known, tuple(judgements))
 
 
 def optimised(published: Published, judgement: JudgedClaim) -> bool:
@@ -54,7 +54,7 @@ def optimised(published: Published, judgement: JudgedClaim) -> bool:
     return objective != "none"
 
 
-def table(problems: list[Judged]) -> pd.DataFrame:
+def table(problems: list[JudgedProblem]) -> pd.DataFrame:
     """One row per claim: durations in seconds, ratios minus 1 in %, and the command."""
     rows = []
     for problem in problems:
@@ -63,7 +63,7 @@ def table(problems: list[Judged]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def known(problems: list[Judged]) -> pd.DataFrame:
+def known(problems: list[JudgedProblem]) -> pd.DataFrame:
     """One row per problem: what is known of it, s, and the code that found it."""
     rows = []
     for problem in problems:
@@ -81,7 +81,7 @@ def known(problems: list[Judged]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _row(problem: Judged, judgement: JudgedClaim) -> dict[str, Any]:
+def _row(problem: JudgedProblem, judgement: JudgedClaim) -> dict[str, Any]:
     claim = judgement.claim
     known = problem.known
     return {

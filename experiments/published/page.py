@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import jinja2
 import pandas as pd
 
-from experiments.published.judged import Judged, optimised, table
+from experiments.published.judged import JudgedProblem, optimised, table
 from trajopt.benchmark.suites.literature import Published
 from trajopt.explain.verdicts import MEANINGS, Verdict
 from trajopt.views import table_cells
@@ -42,7 +42,7 @@ _CLAIMS = {
 }
 
 
-def page(problems: Sequence[Judged], beyond: Sequence[Published], folder: str) -> str:
+def page(problems: Sequence[JudgedProblem], beyond: Sequence[Published], folder: str) -> str:
     """The whole page.
 
     Args:
@@ -76,7 +76,7 @@ def page(problems: Sequence[Judged], beyond: Sequence[Published], folder: str) -
     )
 
 
-def numbers(problems: Sequence[Judged]) -> int:
+def numbers(problems: Sequence[JudgedProblem]) -> int:
     """Count the published numbers; one that several problems of a source share counts once."""
     most: Counter[tuple[str, float]] = Counter()
     for problem in problems:
@@ -85,22 +85,22 @@ def numbers(problems: Sequence[Judged]) -> int:
     return most.total()
 
 
-def _sources(problems: Sequence[Judged]) -> int:
+def _sources(problems: Sequence[JudgedProblem]) -> int:
     """Count the publications; one without a DOI is known by its authors and year."""
     return len({_source(problem) for problem in problems})
 
 
-def _source(problem: Judged) -> str:
+def _source(problem: JudgedProblem) -> str:
     own = problem.published
     until_year = re.match(r".*?\d{4}", own.source)
     return own.doi or (until_year[0] if until_year else own.source)
 
 
-def _verdicts(problems: Sequence[Judged]) -> list[Verdict]:
+def _verdicts(problems: Sequence[JudgedProblem]) -> list[Verdict]:
     return [judgement.verdict for problem in problems for judgement in problem.judgements]
 
 
-def _beside_stopping(problems: Sequence[Judged]) -> dict[str, int]:
+def _beside_stopping(problems: Sequence[JudgedProblem]) -> dict[str, int]:
     """Count the published times above the best known that are longer than stopping everywhere.
 
     `slower` are all of them, and of `optimal` stopping is the best known motion. `searched` are
@@ -125,7 +125,7 @@ def _beside_stopping(problems: Sequence[Judged]) -> dict[str, int]:
     return counts
 
 
-def _markdown(problems: list[Judged], columns: Mapping[str, str]) -> str:
+def _markdown(problems: list[JudgedProblem], columns: Mapping[str, str]) -> str:
     """The verdicts on these problems' claims; ratios that none of them has are left out."""
     rows = table(problems)
     ratios = [name for name in columns if name.endswith("%")]

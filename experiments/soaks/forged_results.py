@@ -29,7 +29,7 @@ from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.results_file import sealed as sealed_file
 from trajopt.benchmark.store.trial_text import seal, sealed
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import named
 
 Rng = np.random.Generator
@@ -70,7 +70,7 @@ def template(folder: Path) -> Path:
     problem = catalogue.load("one-joint")
     for spec in PLANNERS:
         name, planner = named(spec)
-        store.write(judge(planner, problem, [0], name)[0])
+        store.write(trials_of(planner, problem, [0], name)[0])
     return store.consolidate().parent
 
 

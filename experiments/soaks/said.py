@@ -22,7 +22,7 @@ ESCAPES = ("\x1b[31m", "\x1b]0;title\x07", "\x9b2J", "\r", "\u202e")
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandOutcome:
     """Outcome of a command: exit code, texts, traceback, CPU seconds, MB."""
 
     code: int
@@ -61,7 +61,7 @@ class Answer:
         return found
 
 
-def by(command: Sequence[str] | Callable[[], object]) -> Answer:
+def by(command: Sequence[str] | Callable[[], object]) -> CommandOutcome:
     """The answer of a command line, or of a reader in Python, whose errors are exit code 2."""
     out = io.StringIO()
     err = io.StringIO()
@@ -82,7 +82,7 @@ def by(command: Sequence[str] | Callable[[], object]) -> Answer:
             code = 2
         except Exception:
             trace = traceback.format_exc()
-    return Answer(
+    return CommandOutcome(
         code,
         out.getvalue(),
         err.getvalue(),

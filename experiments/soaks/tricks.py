@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 
 from experiments.common.output import say
 from experiments.soaks import soak_report
-from trajopt.benchmark import judgement
+from trajopt import judgement
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError

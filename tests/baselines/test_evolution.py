@@ -18,7 +18,7 @@ from scipy.optimize import differential_evolution
 
 from baselines.evolution import CMAES, DE, cmaes, de
 from trajopt import InvalidInput, MissingBackend, Problem, Status, verify
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.planner import Relation, field_values
 from trajopt.planners.registry import GROUP, Entry, configured, options
 from trajopt.planners.swarm import Box, Streams, minimise
@@ -326,7 +326,7 @@ def test_a_missing_library_is_told_with_the_line_that_mends_it(monkeypatch):
     assert entry.missing() == 'cma is not installed; install it with: pip install "mintime[cma]"'
     with pytest.raises(MissingBackend, match=r"mintime\[cma\]"):
         cmaes.solve(SIX_AXIS)
-    (trial,) = judge(cmaes, SIX_AXIS, [0], "cmaes")
+    (trial,) = trials_of(cmaes, SIX_AXIS, [0], "cmaes")
     assert trial.status is Status.MISSING
     assert "mintime[cma]" in trial.message
     assert replace(de, iterations=1).solve(SIX_AXIS).status is Status.SOLVED

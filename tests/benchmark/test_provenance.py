@@ -23,7 +23,7 @@ from trials import PROBLEM, Stopping
 from trajopt import InvalidInput, Planner, Solution, Status
 from trajopt.benchmark import provenance
 from trajopt.benchmark.provenance import code_of, plain
-from trajopt.benchmark.trial import Configuration, judge, trial_id
+from trajopt.benchmark.trial import Configuration, trial_id, trials_of
 from trajopt.planners.planner import adapted
 from trajopt.planners.registry import load
 
@@ -245,7 +245,7 @@ def test_two_classes_of_one_name_and_the_same_options_are_two_planners():
 
 
 def test_a_trial_says_whose_code_ran_and_old_ones_keep_their_identity():
-    trial = judge(Stopping(), PROBLEM, [3], "stopping")[0]
+    trial = trials_of(Stopping(), PROBLEM, [3], "stopping")[0]
     code = code_of(adapted(Stopping()))
     assert trial.provenance["planner_digest"] == code.digest
     assert (trial.provenance["planner_distribution"], trial.provenance["planner_version"]) == (
@@ -366,14 +366,14 @@ def test_a_planner_with_options_that_nobody_sees_is_refused_with_the_lines_that_
     planner, words
 ):
     with pytest.raises(InvalidInput) as refused:
-        judge(planner, PROBLEM, [0])
+        trials_of(planner, PROBLEM, [0])
     assert re.search(words, str(refused.value), flags=re.DOTALL)
 
 
 def test_a_planner_may_list_its_options_itself():
     ids = {Configuration.of(Listing(gain)).entrant.trial_id(PROBLEM, 0) for gain in (1, 2)}
     assert len(ids) == 2
-    assert judge(Listing(2), PROBLEM, [0])[0].options == {"gain": 2}
+    assert trials_of(Listing(2), PROBLEM, [0])[0].options == {"gain": 2}
 
 
 @dataclass(frozen=True)
@@ -391,7 +391,7 @@ class Vandal(Stopping):
 
 def test_a_planner_that_changes_the_problem_is_judged_on_ours():
     before = PROBLEM.digest()
-    (trial,) = judge(Vandal(), PROBLEM, [0], "vandal")
+    (trial,) = trials_of(Vandal(), PROBLEM, [0], "vandal")
     assert PROBLEM.digest() == before
     assert trial.problem is PROBLEM
     assert trial.id == Configuration.of(Vandal(), "vandal").entrant.trial_id(PROBLEM, 0)

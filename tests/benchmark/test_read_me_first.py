@@ -9,13 +9,13 @@ import pytest
 
 from trajopt import Results, Status, compare
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 
 
 def test_a_trial_is_an_answer_with_a_verdict_that_the_planner_does_not_make() -> None:
     problem = catalogue.load("six-axis")
-    (trial,) = judge(load("unoptimised:segment_time=1"), problem, [0], "unoptimised")
+    (trial,) = trials_of(load("unoptimised:segment_time=1"), problem, [0], "unoptimised")
     assert trial.status is Status.SOLVED
     assert trial.claimed_duration == 3.0  # three segments
     assert trial.certificate is not None

@@ -7,7 +7,7 @@ import pytest
 from trials import PROBLEM, Stopping, solved
 
 from trajopt import Problem, Relation, Solution, Status
-from trajopt.benchmark.trial import Answers, Configuration, judge, judged
+from trajopt.benchmark.trial import Answers, Configuration, judged, trials_of
 
 
 def test_a_certified_history_is_the_claimed_one_dilated_as_the_answer_was():
@@ -45,7 +45,7 @@ def test_a_history_that_does_not_lead_to_the_answer_is_no_curve(history, flaw):
 
 
 def test_an_answer_that_keeps_every_limit_has_the_history_that_it_claims():
-    trial = judge(Stopping(9.0), PROBLEM, [0], "stopping")[0]
+    trial = trials_of(Stopping(9.0), PROBLEM, [0], "stopping")[0]
     assert trial.certificate.feasible
     assert trial.certified_history[1:, 1].tolist() == [40.5, 27.0, 27.0]
 
@@ -58,7 +58,7 @@ def test_without_a_certified_answer_nothing_in_the_history_is_certified():
         def solve(self, problem, *, seed=0):
             return solution
 
-    trial = judge(Astray(), PROBLEM, [0], "astray")[0]
+    trial = trials_of(Astray(), PROBLEM, [0], "astray")[0]
     assert trial.certified_duration is None
     assert trial.certified_history[:, 0].tolist() == [1, 4, 7, 7]
     assert np.isnan(trial.certified_history[:, 1]).all()
@@ -76,7 +76,7 @@ def test_importing_what_a_planner_requires_is_no_part_of_solving(tmp_path, monke
 
             return super().solve(problem, seed=seed)
 
-    first, second = (judge(Requiring(), PROBLEM, [0], "requiring")[0] for _ in range(2))
+    first, second = (trials_of(Requiring(), PROBLEM, [0], "requiring")[0] for _ in range(2))
     assert first.setup_time >= 0.5
     assert first.solve_time < 0.5
     assert second.setup_time < 0.5

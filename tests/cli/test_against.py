@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.cli import against, app
 from trajopt.cli import compare as command
 from trajopt.views.results import Results
@@ -54,9 +54,9 @@ def test_on_one_problem_seeds_are_compared(capsys):
 
     Newcombe's interval of 25 pairs won of 25 begins where his equation has its root, at 0.64.
     """
-    fast = judge(Quintic(1.0), PROBLEM, range(5), "fast")
-    slow = judge(Quintic(11.0), PROBLEM, range(5), "slow")
-    once = judge(Quintic(1.0), PROBLEM, [0], "once")
+    fast = trials_of(Quintic(1.0), PROBLEM, range(5), "fast")
+    slow = trials_of(Quintic(11.0), PROBLEM, range(5), "slow")
+    once = trials_of(Quintic(1.0), PROBLEM, [0], "once")
     out = shown(capsys, [*fast, *slow, *once], "slow:first=11.0")
     assert out.startswith("Against slow:first=11.0 (5 runs)")
     assert " ".join(row(out, "fast")) == "5 3.0000 0.2308 0.008 0.008 1.00 [0.64–1.00]"
@@ -70,8 +70,8 @@ def test_over_problems_all_and_where_both_answer(capsys):
     trials = []
     for way in (1.0, 2.0, 3.0):
         problem = replace(PROBLEM, waypoints=np.array([[0.0], [way]]), name=f"{way}")
-        trials += judge(Quintic(4.0), problem, [0], "slow")
-        trials += judge(Quintic(2.0, beyond=2.5), problem, [0], "some")
+        trials += trials_of(Quintic(4.0), problem, [0], "slow")
+        trials += trials_of(Quintic(2.0, beyond=2.5), problem, [0], "some")
     out = shown(capsys, trials, "slow:first=4.0")
     assert out.startswith("Against slow:first=4.0, problem by problem")
     lines = [line.split() for line in out.splitlines()]
@@ -82,8 +82,8 @@ def test_over_problems_all_and_where_both_answer(capsys):
 
 
 def test_without_spread_there_is_nothing_to_compare(capsys):
-    first = judge(Quintic(1.0), PROBLEM, [0], "a")
-    second = judge(Quintic(2.0), PROBLEM, [0], "b")
+    first = trials_of(Quintic(1.0), PROBLEM, [0], "a")
+    second = trials_of(Quintic(2.0), PROBLEM, [0], "b")
     words = shown(capsys, first + second, "a").split()
     assert " ".join(words) == (
         "Not tested against a: b:first=2.0. On one problem runs are compared, which takes several "
@@ -92,8 +92,8 @@ def test_without_spread_there_is_nothing_to_compare(capsys):
 
 
 def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
-    slow = judge(Quintic(11.0), PROBLEM, range(5), "slow")
-    fast = judge(Quintic(1.0), PROBLEM, range(5), "fast")
+    slow = trials_of(Quintic(11.0), PROBLEM, range(5), "slow")
+    fast = trials_of(Quintic(1.0), PROBLEM, range(5), "fast")
     asked = []
 
     def compared(problems, planners, folder, **options):

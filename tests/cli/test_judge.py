@@ -11,7 +11,7 @@ import pytest
 
 from trajopt import cli
 from trajopt.explain import decomposition
-from trajopt.explain.references import Answer
+from trajopt.explain.references import ReferenceAnswer
 
 HEADER = "time [s],a [rad],b [rad],a_velocity [rad/s],b_velocity [rad/s]\n"
 FAST = HEADER + "0,0,0,0,0\n0.5,0.5,-0.25,2,-1\n1,1,-0.5,0,0\n"  # 1 rad in 1 s: 4 rad/s²
@@ -295,7 +295,9 @@ def test_a_motion_below_the_optimum_raises_the_alarm(run, monkeypatch):
     """An optimum that is wrong: twice as long as the motion."""
     true = decomposition._optimum
     monkeypatch.setattr(
-        decomposition, "_optimum", lambda problem: Answer(true(problem).trajectory.dilated(2.0))
+        decomposition,
+        "_optimum",
+        lambda problem: ReferenceAnswer(true(problem).trajectory.dilated(2.0)),
     )
     _, _, err = run("judge slow.csv p.toml")
     said = "BUG OR BETTER OPTIMUM: slow.csv on p is 50.000000 % below the best known optimum"

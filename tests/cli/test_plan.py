@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.store import folder as store
+from trajopt.best_planner import best
 from trajopt.cli import main, plan
 from trajopt.cli.best_words import sentences
 from trajopt.core.limits import Limits

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.certify import Certify
-from baselines.lower_bound.dual_check import LEAF, Proof, proved_bound
+from baselines.lower_bound.dual_check import LEAF, BoundProof, proved_bound
 from experiments.soaks import forgeries as module
 from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, text
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
@@ -21,7 +21,7 @@ from trajopt.benchmark.store import folder, trial_text
 from trajopt.benchmark.store.proofs import PROVED_AGAIN
 from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.cli.best_known import verify
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.rest_to_rest import end_to_end_bound
@@ -160,7 +160,7 @@ def test_a_forged_trial_is_not_proved_again(tmp_path, monkeypatch):
     stats = {"proof": "proved", **own.solution.stats}
     forged = Solution(Status.INVALID, None, "without a motion", own.lower_bound, stats=stats)
     monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
-    (trial,) = judge(Certify(time_limit=1e-3), own.problem, [0], "certify")
+    (trial,) = trials_of(Certify(time_limit=1e-3), own.problem, [0], "certify")
     folder.Store(tmp_path).write(trial)
     (found,) = verification(tmp_path).trials
     assert trial.lower_bound == own.lower_bound
@@ -175,7 +175,7 @@ def test_a_bound_on_some_trajectories_is_none_on_all(tmp_path, monkeypatch):
     forged = replace(found, status=Status.INVALID, trajectory=None, message="no motion")
     forged = replace(forged, lower_bound=found.stats["lower_bound"])
     monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
-    (trial,) = judge(planner, load("six-axis"), [0], "certify")
+    (trial,) = trials_of(planner, load("six-axis"), [0], "certify")
     folder.Store(tmp_path).write(trial)
     (again,) = verification(tmp_path).trials
     assert again.lower_bound > 3
@@ -187,7 +187,7 @@ def test_a_bound_on_some_trajectories_is_none_on_all(tmp_path, monkeypatch):
 def test_what_is_no_table_of_a_proof_is_refused(name, value):
     stats = records.find(load("six-axis")).trial.solution.stats
     with pytest.raises(InvalidInput, match=f"stats, {name}: expected"):
-        Proof.stored({**stats, name: value})
+        BoundProof.stored({**stats, name: value})
 
 
 # --- arithmetic ---
@@ -201,7 +201,7 @@ def test_limits_that_underflow_prove_nothing():
     cells = np.zeros((3, 7))
     cells[:, 0] = [0, 0.34, 0.67]
     cells[:, 6] = 1
-    proof = Proof(
+    proof = BoundProof(
         units=np.ones(2),
         cutoff=np.array([1e6]),
         tangents=np.zeros((0, 2)),

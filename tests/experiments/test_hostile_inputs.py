@@ -67,7 +67,7 @@ def test_faults_are_noticed(folder, tmp_path, monkeypatch):
     other = forged.true_numbers(folder).replace("one-joint", "another")
     assert forged.faults(path, expected=other, report=False) == ["export: other numbers"]
     err = f"two\nlines of {forged.SECRET}\x1b[31m"
-    answer = said.Answer(2, "", err, "", seconds=11.0, megabytes=2 * PEAK)
+    answer = said.CommandOutcome(2, "", err, "", seconds=11.0, megabytes=2 * PEAK)
     monkeypatch.setattr(said, "by", lambda arguments: answer)
     wrong = ["2 lines of error", "an escape sequence", "11 s", "2000000 MB"]
     wrong.append("another file's content")

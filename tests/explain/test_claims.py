@@ -6,8 +6,8 @@ import pytest
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.suites import literature
 from trajopt.explain import verdicts
-from trajopt.explain.references import Answer
-from trajopt.explain.verdicts import Claim, Known, Verdict, judge, survey
+from trajopt.explain.references import ReferenceAnswer
+from trajopt.explain.verdicts import Claim, Known, Verdict, judge_claim, survey
 from trajopt.planners.registry import load
 
 # One joint, 4 rad at V = 2, A = 1: it reaches the limit, 4/2 + 2/1 = 4 s.
@@ -29,7 +29,7 @@ def known(best=10.0, lower_bound=9.0, stopping=15.0):
     ],
 )
 def test_a_claim_stands_below_the_bound_below_the_best_or_above_it(duration, verdict):
-    judgement = judge(Claim("m", duration), known())
+    judgement = judge_claim(Claim("m", duration), known())
     assert judgement.verdict is verdict
     assert judgement.excess == pytest.approx(duration / 10 - 1)
     assert judgement.over_stopping == pytest.approx(duration / 15 - 1)
@@ -52,7 +52,7 @@ def test_a_printed_digit_is_rounded_in_the_claim_s_favour(duration, rounding, ve
 def test_without_a_best_known_only_the_bound_speaks():
     nothing = known(best=None)
     assert verdicts.verdict(Claim("m", 8.0), nothing) is Verdict.IMPOSSIBLE
-    judgement = judge(Claim("m", 12.0), nothing)
+    judgement = judge_claim(Claim("m", 12.0), nothing)
     assert judgement.verdict is Verdict.OPEN
     assert judgement.excess is None
     assert not nothing.proved
@@ -93,21 +93,21 @@ def test_the_best_of_a_family_stands_beside_a_claim(monkeypatch):
     def answer(name, problem):
         asked.append(name)
         trajectory = load("ruckig-search").solve(problem).trajectory  # 4 s
-        return Answer(trajectory)
+        return ReferenceAnswer(trajectory)
 
     monkeypatch.setattr(verdicts, "asked", answer)
     found = survey(STRAIGHT, ["3-5-3"])
     # the first answer meets the closed form, so nobody else is asked
     assert asked == ["ruckig-search", "spline353-nlp"]
-    judgement = judge(Claim("m", 8.0, family="3-5-3"), found)
+    judgement = judge_claim(Claim("m", 8.0, family="3-5-3"), found)
     assert judgement.over_family == pytest.approx(1.0)
-    assert judge(Claim("m", 8.0), found).over_family is None
+    assert judge_claim(Claim("m", 8.0), found).over_family is None
 
 
 def test_the_optimum_under_the_source_s_own_peak_jerk():
     # From rest to rest over h with jerk alone limited: T = cbrt(32 h / J) = 4 s for h = 2, J = 1.
     loose = Problem([[0.0], [2.0]], Limits([100.0], [100.0]))
-    judgement = judge(Claim("m", 8.0, peak_jerk=(1.0,)), survey(loose))
+    judgement = judge_claim(Claim("m", 8.0, peak_jerk=(1.0,)), survey(loose))
     assert judgement.over_equal_jerk == pytest.approx(8 / 4 - 1, rel=1e-6)
 
 
@@ -130,7 +130,7 @@ def test_the_bang_bang_optima_that_fang_et_al_print(name, printed):
     digits = len(printed.partition(".")[2])
     assert f"{found.best:.{digits}f}" == printed
     assert found.proved
-    verdicts = {judge(own, found).verdict for own in published.claims if "bang" in own.method}
+    verdicts = {judge_claim(own, found).verdict for own in published.claims if "bang" in own.method}
     assert verdicts == {Verdict.EQUAL}
 
 
@@ -151,4 +151,4 @@ def test_a_published_time_below_a_closed_form_bound_is_impossible():
     bound = (46.5 + 140.4 + 40.81) / 2.5
     found = Known(problem, None, "", bound, "closed form", bound, {})
     assert verdicts.end_to_end_bound(problem) == pytest.approx(bound, rel=1e-9)
-    assert {judge(own, found).verdict for own in published.claims} == {Verdict.IMPOSSIBLE}
+    assert {judge_claim(own, found).verdict for own in published.claims} == {Verdict.IMPOSSIBLE}

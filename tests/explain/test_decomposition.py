@@ -16,7 +16,7 @@ from trajopt.benchmark.suites.catalogue import load as problem_of
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.decomposition import Explanation, explain, peaks
-from trajopt.explain.references import Answer, references
+from trajopt.explain.references import ReferenceAnswer, references
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
@@ -155,14 +155,14 @@ def test_a_record_is_the_optimum_only_where_it_is_shorter() -> None:
     problem = Problem([[0.0], [1.0]], Limits([5.0], [1.0]))
     bang = Trajectory([0.0, 1.0, 2.0], np.array([[0.5, -0.5], [0, 1], [0, 0.5]])[..., None], [0, 2])
     slow = bang.dilated(1.5)
-    known = explain(problem, None, slow, Answer(bang, "theirs, 2026-11-22"))
+    known = explain(problem, None, slow, ReferenceAnswer(bang, "theirs, 2026-11-22"))
     assert (known.exact, known.recorded) == (approx(2.0), "")
     # no such motion exists: it only has to be believed that it is shorter
-    shorter = Answer(bang.dilated(0.9), "theirs, 2026-11-22")
+    shorter = ReferenceAnswer(bang.dilated(0.9), "theirs, 2026-11-22")
     known = explain(problem, None, slow, shorter)
     assert (known.exact, known.gap, known.recorded) == (
         1.8,
         approx(3 / 1.8 - 1),
         "theirs, 2026-11-22",
     )
-    assert explain(problem, None, slow, Answer(None, "nothing")).recorded == ""
+    assert explain(problem, None, slow, ReferenceAnswer(None, "nothing")).recorded == ""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
@@ -73,7 +73,7 @@ def test_cutting_pieces_changes_nothing():
 )
 def test_bang_bang_is_infinite_and_a_spline_is_not(name, jump):
     """Between its jumps the exact optimum has no jerk at all."""
-    trial = judge(named(name)[1], load("six-axis"), [0], name)[0]
+    trial = trials_of(named(name)[1], load("six-axis"), [0], name)[0]
     assert np.isinf(trial.jerk_integral) == jump
     assert (trial.smoothness.jump is not None) == jump
     assert np.isfinite(trial.acceleration_integral)
@@ -81,7 +81,7 @@ def test_bang_bang_is_infinite_and_a_spline_is_not(name, jump):
 
 
 def test_the_best_353_has_the_trials_own_integral():
-    trial = judge(named("spline353-nlp")[1], load("six-axis"), [0], "spline353-nlp")[0]
+    trial = trials_of(named("spline353-nlp")[1], load("six-axis"), [0], "spline353-nlp")[0]
     t = np.linspace(0, trial.certified_duration, 200_001)
     jerk = trial.certified_trajectory(t, 3)
     assert trial.jerk_integral == pytest.approx(np.trapezoid((jerk**2).sum(axis=1), t), rel=1e-4)

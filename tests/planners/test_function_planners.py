@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from trajopt import compare
-from trajopt.benchmark.trial import Configuration, judge
+from trajopt.benchmark.trial import Configuration, trials_of
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -34,7 +34,7 @@ def test_keywords_are_options():
     assert planner.description == "Stops at every waypoint."
     slow = configured(planner, {"slower": "2"})
     assert slow.options() == {"slower": 2.0}
-    (trial,) = judge(slow, PROBLEM, [0])
+    (trial,) = trials_of(slow, PROBLEM, [0])
     assert (trial.planner, trial.label) == ("stopping", "stopping:slower=2.0")
     assert trial.certified_duration == pytest.approx(3.0)  # 1/1 + 1/2, twice as slow
     with pytest.raises(InvalidInput, match="option slower is 'fast': expected float"):

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 from trajopt.views import report
 from trajopt.views.export import tables
@@ -18,8 +18,8 @@ from trajopt.views.results import Results
 def trials():
     """The exact optimum of a problem, and a planner that is slower."""
     problem = catalogue.load("one-joint")
-    exact = judge(load("exact"), problem, [0], "exact")
-    slow = judge(load("unoptimised"), problem, [0], "unoptimised")
+    exact = trials_of(load("exact"), problem, [0], "exact")
+    slow = trials_of(load("unoptimised"), problem, [0], "unoptimised")
     return [*exact, *slow]
 
 

@@ -50,7 +50,14 @@ PACKAGES = ("mintime", "numpy", "scipy", "casadi", "toppra", "ruckig", "highspy"
 
 _OURS = ("trajopt", "baselines")
 # No trial depends on these files, except on `_JUDGES`.
-_SHOWS_ONLY = ("trajopt/cli/", "trajopt/comparison.py", "trajopt/views/", "trajopt/benchmark/")
+_SHOWS_ONLY = (
+    "trajopt/cli/",
+    "trajopt/comparison.py",
+    "trajopt/judgement.py",
+    "trajopt/best_planner.py",
+    "trajopt/views/",
+    "trajopt/benchmark/",
+)
 _JUDGES = ("trajopt/benchmark/trial.py",)
 _SOURCES = (".py", ".so", ".pyd")
 _SHORT_ARRAY = 100  # values that an option shows before it shows their digest instead

@@ -298,7 +298,9 @@ def trial_id(
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def judge(planner: object, problem: Problem, seeds: Sequence[int], name: str = "") -> list[Trial]:
+def trials_of(
+    planner: object, problem: Problem, seeds: Sequence[int], name: str = ""
+) -> list[Trial]:
     """Run a planner and verify its answers, one trial per seed; what it raises is recorded."""
     return run(Configuration.of(planner, name), problem, seeds)
 

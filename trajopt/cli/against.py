@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from trajopt.cli import console
-from trajopt.cli.console import Grid
+from trajopt.cli.console import PlainTable
 from trajopt.views import table_cells
 from trajopt.views.analysis.pairwise import against
 from trajopt.views.results import Results
@@ -54,7 +54,7 @@ def show(results: Results, rival: str) -> None:
     console.paragraph()
 
 
-def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
+def _paired_table(rows: pd.DataFrame, rival: str) -> PlainTable:
     numbers = ("problems", "better", "tied", "worse", "ratio", "p", "shorter")
     title = f"Against {rival}, problem by problem"
     table = console.table("planner", numbers=numbers, title=title)
@@ -78,7 +78,7 @@ def paired_row(row: Any) -> list[object]:
     return [*counts, own["ratio"], p, _effect(own)]
 
 
-def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
+def _seeds_table(rows: pd.DataFrame, rival: str) -> PlainTable:
     numbers = ("runs", "median s", "ratio", "p", "Holm", "shorter")
     runs = rows["rival_runs"].iloc[0]
     title = f"Against {rival} ({runs} runs)"

@@ -29,11 +29,11 @@ from trajopt.formats.robot_limits import RobotLimits
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotOptions:
     """The flags that give waypoints of a file their limits.
 
     Attributes:
-        robot: Robot of the waypoints; see `trajopt list`.
+        robot: RobotOptions of the waypoints; see `trajopt list`.
         urdf: URDF of the waypoints' robot: joint names, positions, velocities.
         limits: MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them.
         unit: Units where a header has none, like deg,mm,ms: of waypoints, else of the motion.
@@ -66,8 +66,8 @@ MotionUnit = Annotated[
         help="Units of the motion where its header has none, as --unit of waypoints.", group=ROBOT
     ),
 ]
-RobotFlags = Annotated[Robot, Parameter(name="*", group=ROBOT)]
-NO_FLAGS = Robot()
+RobotFlags = Annotated[RobotOptions, Parameter(name="*", group=ROBOT)]
+NO_FLAGS = RobotOptions()
 
 
 def file(name_or_path: str) -> Path | None:
@@ -81,7 +81,7 @@ def _is_waypoints(name_or_path: str) -> bool:
     return Path(name_or_path).suffix in waypoints.ENDINGS
 
 
-def problems(names: Sequence[str], robot: Robot) -> list[Problem]:
+def problems(names: Sequence[str], robot: RobotOptions) -> list[Problem]:
     """Return several problems to plan, each once; the flags go to those that are waypoints."""
     takes_flags = any(map(_is_waypoints, names))
     if not takes_flags:
@@ -90,7 +90,7 @@ def problems(names: Sequence[str], robot: Robot) -> list[Problem]:
     return [problem(name, own, scaled=True) for name, own in flags.items()]
 
 
-def problem(name_or_path: str, robot: Robot = NO_FLAGS, *, scaled: bool = False) -> Problem:
+def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool = False) -> Problem:
     """Return a problem by its built-in name, its file, or as waypoints with a robot.
 
     Args:
@@ -126,7 +126,7 @@ def problem(name_or_path: str, robot: Robot = NO_FLAGS, *, scaled: bool = False)
         return found
 
 
-def note_factors(own: RobotLimits, robot: Robot) -> None:
+def note_factors(own: RobotLimits, robot: RobotOptions) -> None:
     """Say that scaling factors do not count where a motion is judged."""
     if own.scaled() is not own:
         console.HELD.append(
@@ -136,7 +136,7 @@ def note_factors(own: RobotLimits, robot: Robot) -> None:
         )
 
 
-def note_acceleration(robot: Robot, *, completed: Collection[str]) -> None:
+def note_acceleration(robot: RobotOptions, *, completed: Collection[str]) -> None:
     """Say where --acceleration has no effect, as it completed the limits of no joint."""
     if robot.acceleration is not None and not completed:
         console.HELD.append(
@@ -162,14 +162,14 @@ def check_motion_unit(unit: str | None, motions: Sequence[Path], flag: str) -> N
         raise InvalidInput(flag, f"no such flag with {names}, which is in rad and m", value=unit)
 
 
-def _check_unused(name: str, robot: Robot) -> None:
+def _check_unused(name: str, robot: RobotOptions) -> None:
     for flag, value in robot.said.items():
         endings = ", ".join(waypoints.ENDINGS)
         right = f"no such flag with {name}, which has its own; it goes with waypoints ({endings})"
         raise InvalidInput(flag, right, value=str(value))
 
 
-def robot_limits(name: str, robot: Robot) -> RobotLimits:
+def robot_limits(name: str, robot: RobotOptions) -> RobotLimits:
     """The limits of the robot, and of the file of limits over it.
 
     Args:
@@ -201,7 +201,7 @@ def robot_limits(name: str, robot: Robot) -> RobotLimits:
     return found
 
 
-def units(name_or_path: str, robot: Robot) -> Sequence[str]:
+def units(name_or_path: str, robot: RobotOptions) -> Sequence[str]:
     """The units in which the waypoints of a file came in, one per joint; empty for a name."""
     path = Path(name_or_path)
     if _is_waypoints(name_or_path):

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import cyclopts
 from cyclopts import Parameter
 
-from trajopt.benchmark import judgement
+from trajopt import judgement
 from trajopt.benchmark.best_known import proposal, records
-from trajopt.benchmark.best_known.proposal import Candidate, Outcome
+from trajopt.benchmark.best_known.proposal import Candidate, RecordUpdate
 from trajopt.benchmark.best_known.records import CLOSED_WITHIN, Origin, Record
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification
@@ -274,7 +274,7 @@ def _refuse_options_of_motions(problem: str | None, method: str | None, interpol
             raise InvalidInput(name, right, value=value)
 
 
-def _outcome_row(outcome: Outcome, file: Path | None) -> dict[str, Any]:
+def _outcome_row(outcome: RecordUpdate, file: Path | None) -> dict[str, Any]:
     """For JSON: s; None for what does not exist."""
     before = outcome.before
     after = outcome.after
@@ -289,7 +289,7 @@ def _outcome_row(outcome: Outcome, file: Path | None) -> dict[str, Any]:
     }
 
 
-def _print_outcomes(outcomes: Sequence[Outcome], written: Mapping[str, Path]) -> None:
+def _print_outcomes(outcomes: Sequence[RecordUpdate], written: Mapping[str, Path]) -> None:
     for outcome in outcomes:
         if outcome.after is None and len(outcomes) > _MANY:
             continue
@@ -311,7 +311,7 @@ def _print_outcomes(outcomes: Sequence[Outcome], written: Mapping[str, Path]) ->
     )
 
 
-def _sentences(outcome: Outcome) -> Iterator[str]:
+def _sentences(outcome: RecordUpdate) -> Iterator[str]:
     before = outcome.before
     after = outcome.after
     duration = outcome.duration

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from math import inf
 
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.best_planner import Best
 from trajopt.benchmark.trial import Trial
+from trajopt.best_planner import Best
 from trajopt.core.limits import KINDS
 from trajopt.explain.references import THROUGH_WAYPOINTS
 

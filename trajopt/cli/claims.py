@@ -12,10 +12,10 @@ from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
 from trajopt.cli import console, kinds
-from trajopt.cli.console import Grid
+from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.core.exceptions import InvalidInput
-from trajopt.explain.verdicts import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
+from trajopt.explain.verdicts import MEANINGS, JudgedClaim, Known, Verdict, judge_claim, survey
 from trajopt.views import table_cells
 
 _PUBLISHED_FIELDS = ("source", "doi", "objective", "reading", "unsaid", "transcription", "checked")
@@ -44,7 +44,7 @@ def claims(
     with console.waiting("asking the references"):
         computed = survey(published.problem, published.families, time_limit=time_limit)
         known = with_record(computed)
-        judgements = [judge(claim, known) for claim in published.claims]
+        judgements = [judge_claim(claim, known) for claim in published.claims]
     if json:
         console.print_json(as_dict(published, known, judgements))
     else:
@@ -123,7 +123,7 @@ def _known(known: Known) -> list[str]:
     ]
 
 
-def _table(judgements: list[JudgedClaim]) -> Grid:
+def _table(judgements: list[JudgedClaim]) -> PlainTable:
     columns: dict[str, list[float | None]] = {
         "above best": [own.excess for own in judgements],
         "over stopping": [own.over_stopping for own in judgements],

@@ -11,7 +11,6 @@ from typing import Annotated
 
 from trajopt import comparison
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.judgement import GivenMotion, motion_of
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.run.runner import profiled
@@ -35,6 +34,7 @@ from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem
+from trajopt.judgement import GivenMotion, motion_of
 from trajopt.planners.registry import entries
 from trajopt.views.analysis.gap_reference import improvements
 from trajopt.views.figures import draw

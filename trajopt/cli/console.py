@@ -187,7 +187,7 @@ def _finite(value: Any) -> Any:
     return value
 
 
-class Grid(Table):
+class PlainTable(Table):
     """A table without lines, whose cells are text, numbers, or rich's text."""
 
     def row(self, *cells: object) -> None:
@@ -195,7 +195,7 @@ class Grid(Table):
         self.add_row(*(cell if isinstance(cell, Text) else markup(cell) for cell in cells))
 
 
-def table(*columns: str, numbers: Collection[str] = (), title: str | None = None) -> Grid:
+def table(*columns: str, numbers: Collection[str] = (), title: str | None = None) -> PlainTable:
     """Make a table; its first column of text takes the width that is left.
 
     Args:
@@ -204,7 +204,7 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
             columns, unless `columns` has them.
         title: Printed above the table.
     """
-    made = Grid(box=None, pad_edge=False, collapse_padding=True, title_justify="left")
+    made = PlainTable(box=None, pad_edge=False, collapse_padding=True, title_justify="left")
     made.title = None if title is None else markup(title)
     for column in dict.fromkeys((*columns, *numbers)):
         if column in numbers:

@@ -11,7 +11,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.judgement import without_jerk
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.trial import Trial
@@ -25,6 +24,7 @@ from trajopt.core.solution import Status
 from trajopt.explain import decomposition
 from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
+from trajopt.judgement import without_jerk
 from trajopt.judging.verification import verify
 from trajopt.views.figures import draw
 

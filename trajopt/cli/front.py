@@ -17,7 +17,7 @@ from trajopt.benchmark.run.tasks import Allowance
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.compare import default_planners
-from trajopt.cli.console import Grid
+from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number
 from trajopt.comparison import TIMEOUT
 from trajopt.core import numerals
@@ -107,7 +107,7 @@ def _beside(found: Front, problem: Problem, planners: Sequence[str], output: Pat
         return found.beside(results.items)
 
 
-def _curve(found: Front) -> Grid:
+def _curve(found: Front) -> PlainTable:
     title = f"{found.problem.name}: least ∫ {found.measure}², {found.unit}"
     table = console.table(numbers=("duration s", "least known", "proved", "gap %"), title=title)
     for point in found.points:
@@ -122,7 +122,7 @@ def _curve(found: Front) -> Grid:
     return table
 
 
-def _planners(found: Front, beside: Sequence[Beside]) -> Grid:
+def _planners(found: Front, beside: Sequence[Beside]) -> PlainTable:
     numbers = ("duration s", f"∫ {found.measure}²", "times the least", "shortest s")
     table = console.table("planner", numbers=numbers)
     for own in beside:

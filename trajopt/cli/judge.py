@@ -10,10 +10,9 @@ from typing import Annotated
 
 import numpy as np
 
-from trajopt.benchmark import judgement
+from trajopt import judgement
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.judgement import Execution, Judgement
 from trajopt.cli import asked, console, evidence_words
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.explain import sentences
@@ -32,6 +31,7 @@ from trajopt.cli.parameters import (
 from trajopt.cli.plan import check_target, print_durations, print_smoothness, print_worst
 from trajopt.formats.motion import TABLES
 from trajopt.formats.waypoints import ENDINGS
+from trajopt.judgement import Execution, Judgement
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views.export import motion_file

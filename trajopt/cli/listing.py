@@ -13,7 +13,7 @@ from trajopt.benchmark.run.runner import profiled
 from trajopt.benchmark.run.tasks import Allowance
 from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
-from trajopt.cli.console import Grid
+from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import Json
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError, UnknownName
@@ -138,7 +138,7 @@ def _arm(name: str) -> dict[str, Any]:
     }
 
 
-def _planner_table(planners: Sequence[dict[str, Any]]) -> Grid:
+def _planner_table(planners: Sequence[dict[str, Any]]) -> PlainTable:
     table = console.table("planner", "what it is, its options, and the limits it knows")
     for planner in planners:
         lines = [Text(console.visible(planner["description"]))]
@@ -166,7 +166,7 @@ def _limits_in_words(planner: dict[str, Any]) -> str:
     return "; ".join(sentences)
 
 
-def _problem_table(problems: Sequence[dict[str, Any]]) -> Grid:
+def _problem_table(problems: Sequence[dict[str, Any]]) -> PlainTable:
     table = console.table("problem", "joints", "waypoints", "limits")
     for problem in problems:
         name = console.bold(problem["name"])
@@ -174,7 +174,7 @@ def _problem_table(problems: Sequence[dict[str, Any]]) -> Grid:
     return table
 
 
-def _arm_table(arms: Sequence[dict[str, Any]]) -> Grid:
+def _arm_table(arms: Sequence[dict[str, Any]]) -> PlainTable:
     table = console.table("robot", "joints", "limits, and how they are known")
     for arm in arms:
         origins = [f"{kind} ({status})" for kind, status in arm["limits"].items()]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from trajopt.benchmark.store import atomic
 from trajopt.cli import asked, console
-from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
+from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.plan import check_target
 from trajopt.core import problem_file
 from trajopt.core.demand import DEMANDS
@@ -92,7 +92,7 @@ def _demands() -> str:
     return "\n".join(["# The way may ask for more, in the units of waypoints and limits:", *lines])
 
 
-def _stated(problem: Problem, robot: Robot, units: Sequence[str]) -> str:
+def _stated(problem: Problem, robot: RobotFlags, units: Sequence[str]) -> str:
     """The text of a problem; a built-in arm has its name there."""
     if robot.limits is None and robot.robot is not None:
         return f'robot = "{robot.robot}"\n{problem_file.text(problem, units)}'

@@ -13,9 +13,9 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.trial import Trial
+from trajopt.best_planner import best
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences

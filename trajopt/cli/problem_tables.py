@@ -7,7 +7,7 @@ from math import isnan
 
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
-from trajopt.cli.console import Grid
+from trajopt.cli.console import PlainTable
 from trajopt.views import table_cells
 from trajopt.views.analysis.results import Line
 from trajopt.views.results import Results
@@ -31,7 +31,7 @@ def show(results: Results) -> None:
         console.paragraph()
 
 
-def _comparison(lines: Sequence[Line]) -> Grid:
+def _comparison(lines: Sequence[Line]) -> PlainTable:
     numbers = ("median", "quartiles", "gap %", "kept", "∫jerk²", "evals", "time")
     title = f"{lines[0].problem}: certified durations, s"
     table = console.table("planner", numbers=numbers, title=title)

@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from trajopt.benchmark.judgement import Execution, as_executed
 from trajopt.benchmark.logs import AS_LOG, LogOptions
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, evidence_words, kinds
-from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
-from trajopt.cli.console import Grid
+from trajopt.cli.asked import NO_FLAGS, RobotFlags
+from trajopt.cli.console import PlainTable
 from trajopt.cli.judge import check_log_out, slower, unmendable, write_log_motion
 from trajopt.cli.parameters import Force, InterpolationName, Json, LogOut, Noise, Window
 from trajopt.cli.plan import print_smoothness, print_worst
@@ -26,6 +25,7 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, motion
 from trajopt.formats.samples import known_as
+from trajopt.judgement import Execution, as_executed
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views import table_cells
@@ -89,7 +89,7 @@ def report(found: Verification, json: bool) -> None:
 
 def _verify_motion(
     path: Path,
-    robot: Robot,
+    robot: RobotFlags,
     interpolation: Interpolation,
     log: LogOptions | None,
     out: Path | None,
@@ -117,7 +117,7 @@ def _verify_motion(
 
 
 def _executed(
-    path: Path, robot: Robot, interpolation: Interpolation, log: LogOptions | None
+    path: Path, robot: RobotFlags, interpolation: Interpolation, log: LogOptions | None
 ) -> Execution:
     """Judge the motion by the limits of a file, a robot or a problem.
 
@@ -233,7 +233,7 @@ def _print(found: Verification) -> None:
         console.paragraph(_what_is_wrong(trial))
 
 
-def _table(trials: Iterable[CheckedTrial]) -> Grid:
+def _table(trials: Iterable[CheckedTrial]) -> PlainTable:
     table = console.table("problem", "planner", numbers=_NUMBERS)
     for trial in trials:
         durations = (trial.claimed_duration, trial.certified_duration, trial.dilation)

@@ -41,7 +41,7 @@ OriginStatus = Literal["published", "configuration", "quoted", "assumed", "memor
 
 
 @dataclass(frozen=True)
-class Origin:
+class LimitOrigin:
     """The origin of an arm's limits of one kind. `status` is
 
     - `published`: the maker's own document, which was read;
@@ -61,7 +61,7 @@ class Origin:
     checked: str = ""
 
 
-_TEXTS = tuple(field.name for field in fields(Origin))
+_TEXTS = tuple(field.name for field in fields(LimitOrigin))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Arm:
     description: str
     joint_names: tuple[str, ...]
     limits: Limits
-    origins: Mapping[str, Origin]
+    origins: Mapping[str, LimitOrigin]
 
 
 def arm_files() -> dict[str, Path]:
@@ -139,10 +139,10 @@ def _limit(key: str, entry: Mapping[str, Any], joints: int) -> Limit:
     return written.scaled(np.full(joints, ANGLES[entry["angle_unit"]]))
 
 
-def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:
+def _origin(kind: str, entry: Mapping[str, Any]) -> LimitOrigin:
     texts: dict[str, Any] = {key: files.text_at(entry, key) for key in _TEXTS}
     statuses = get_args(OriginStatus)
     if texts["status"] not in statuses:
         right = " or ".join(statuses)
         raise InvalidInput(f"{kind}.status", right, value=texts["status"])
-    return Origin(**texts)
+    return LimitOrigin(**texts)

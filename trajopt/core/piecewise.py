@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
 
-class Pieces(NamedTuple):
+class PiecewisePolynomial(NamedTuple):
     """Breaks `(pieces + 1,)`, and coefficients `(degree + 1, pieces, joints)` since each break.
 
     Highest power first, as `scipy.interpolate.PPoly` has them.
@@ -24,7 +24,7 @@ class Pieces(NamedTuple):
     coefficients: Array
 
 
-def of_scipy(function: PPoly | BSpline) -> Pieces:
+def of_scipy(function: PPoly | BSpline) -> PiecewisePolynomial:
     """Convert SciPy's piecewise polynomial or B-spline.
 
     Raises:
@@ -40,7 +40,7 @@ def of_scipy(function: PPoly | BSpline) -> Pieces:
     raise InvalidTrajectory(f"a Trajectory, PPoly or BSpline is needed, not {kind}")
 
 
-def of_ppoly(ppoly: PPoly) -> Pieces:
+def of_ppoly(ppoly: PPoly) -> PiecewisePolynomial:
     """SciPy's piecewise polynomial (`CubicSpline` and the like too), one column per joint.
 
     Raises:
@@ -50,10 +50,10 @@ def of_ppoly(ppoly: PPoly) -> Pieces:
     breaks = np.asarray(ppoly.x, dtype=float)
     if not (np.diff(breaks) > 0).all():
         raise InvalidTrajectory("the breaks of a PPoly must increase")
-    return Pieces(breaks, coefficients)
+    return PiecewisePolynomial(breaks, coefficients)
 
 
-def of_spline(spline: BSpline) -> Pieces:
+def of_spline(spline: BSpline) -> PiecewisePolynomial:
     """A B-spline on its own interval, from its degree's knot to the last but its degree.
 
     Every piece is the Taylor polynomial at its first knot, which is the piece itself.
@@ -72,7 +72,7 @@ def of_spline(spline: BSpline) -> Pieces:
         pieces_first = np.moveaxis(derivative, spline.axis, 0)
         rows.append(pieces_first / factorial(power))
     coefficients = np.stack(rows)
-    return Pieces(breaks, _columns(coefficients, "a B-spline's values"))
+    return PiecewisePolynomial(breaks, _columns(coefficients, "a B-spline's values"))
 
 
 def _columns(coefficients: Array, what: str) -> Array:

@@ -15,7 +15,7 @@ from trajopt.core import piecewise, polynomials
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.piecewise import Pieces
+from trajopt.core.piecewise import PiecewisePolynomial
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
@@ -333,10 +333,12 @@ class Trajectory:
         for row in outer.coefficients[1:, after]:
             result = polynomials.product(result, local)
             result[-1] += row
-        return cls._of_pieces(Pieces(s.breaks, result), waypoint_times)
+        return cls._of_pieces(PiecewisePolynomial(s.breaks, result), waypoint_times)
 
     @classmethod
-    def _of_pieces(cls, pieces: Pieces, waypoint_times: ArrayLike | None) -> Trajectory:
+    def _of_pieces(
+        cls, pieces: PiecewisePolynomial, waypoint_times: ArrayLike | None
+    ) -> Trajectory:
         breaks = pieces.breaks - pieces.breaks[0]
         if waypoint_times is None:
             waypoint_times = breaks[[0, -1]]
@@ -348,13 +350,13 @@ class Trajectory:
         return np.clip(after - 1, 0, last)
 
 
-def _pieces_of(function: Trajectory | PPoly | BSpline) -> Pieces:
+def _pieces_of(function: Trajectory | PPoly | BSpline) -> PiecewisePolynomial:
     if isinstance(function, Trajectory):
-        return Pieces(function.breaks, function.coefficients)
+        return PiecewisePolynomial(function.breaks, function.coefficients)
     return piecewise.of_scipy(function)
 
 
-def _check_domain(path: Pieces, s: Trajectory) -> None:
+def _check_domain(path: PiecewisePolynomial, s: Trajectory) -> None:
     """Refuse a parameter `s(t)` that leaves the path: its extrema lie within the domain."""
     unit = s.pieces()[..., 0]
     points = polynomials.critical_points(unit)

@@ -26,7 +26,7 @@ from trajopt.explain.references import (
     BEST_353,
     OPTIMUM_WITH_JERK,
     PATH_TIMING,
-    Answer,
+    ReferenceAnswer,
     asked,
     judged,
     references,
@@ -122,7 +122,7 @@ def explain(
     problem: Problem,
     planner: Planner | None,
     trajectory: Trajectory,
-    recorded: Answer | None = None,
+    recorded: ReferenceAnswer | None = None,
 ) -> Explanation:
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
@@ -177,10 +177,10 @@ def _solver(
 
 
 def _gaps(
-    problem: Problem, trajectory: Trajectory, optimum: Answer
+    problem: Problem, trajectory: Trajectory, optimum: ReferenceAnswer
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Every gap by name, None with a note where it does not apply."""
-    own = Answer(trajectory)
+    own = ReferenceAnswer(trajectory)
     retimed = _retimed(problem, trajectory)
     best = _best_spline(problem, trajectory)
     smooth = _as_smooth(problem, best)
@@ -204,7 +204,7 @@ def _gaps(
     return gaps, notes
 
 
-def _optimum(problem: Problem) -> Answer:
+def _optimum(problem: Problem) -> ReferenceAnswer:
     """The first reference that keeps all limits; `exact` does so also where it ignores some."""
     reason = ""
     for name in references(problem):
@@ -212,33 +212,33 @@ def _optimum(problem: Problem) -> Answer:
         if answer.trajectory is not None:
             return answer
         reason = f"{name}: {answer.reason}"
-    return Answer(None, reason)
+    return ReferenceAnswer(None, reason)
 
 
-def _shorter(own: Trajectory, answer: Answer) -> Answer:
+def _shorter(own: Trajectory, answer: ReferenceAnswer) -> ReferenceAnswer:
     """The shorter of two answers to one question; a missing one stays missing."""
     if answer.duration is not None and own.duration <= answer.duration:
-        return Answer(own)
+        return ReferenceAnswer(own)
     return answer
 
 
-def _retimed(problem: Problem, own: Trajectory) -> Answer:
+def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
     """The best timing of the trajectory's own path; its own timing is one, whatever the grid."""
     try:
         planner = load(PATH_TIMING)
         reason = planner.unsupported(problem)
         if reason is not None:
-            return Answer(None, reason)
+            return ReferenceAnswer(None, reason)
         answer = judged(problem, planner, planner.along(problem, own))
     except TrajoptError as error:
-        return Answer(None, str(error))
+        return ReferenceAnswer(None, str(error))
     return _shorter(own, answer)
 
 
-def _best_spline(problem: Problem, own: Trajectory) -> Answer:
+def _best_spline(problem: Problem, own: Trajectory) -> ReferenceAnswer:
     """The best 3-5-3 with shared times, if the trajectory is one."""
     if not _is_spline353(problem, own):
-        return Answer(None, "not a 3-5-3 spline with segment times shared by all joints")
+        return ReferenceAnswer(None, "not a 3-5-3 spline with segment times shared by all joints")
     return _shorter(own, asked(BEST_353, problem))
 
 
@@ -257,7 +257,7 @@ def _is_spline353(problem: Problem, own: Trajectory) -> bool:
     return bool(difference <= _SAME_RTOL * scale)
 
 
-def _as_smooth(problem: Problem, spline: Answer) -> Answer:
+def _as_smooth(problem: Problem, spline: ReferenceAnswer) -> ReferenceAnswer:
     """The optimum when every joint's jerk may be what it is at most in this spline."""
     if spline.trajectory is None:
         return spline

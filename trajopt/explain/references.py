@@ -89,7 +89,7 @@ def best_planners(problem: Problem) -> list[str]:
     return [*names, THROUGH_WAYPOINTS]
 
 
-class Answer(NamedTuple):
+class ReferenceAnswer(NamedTuple):
     """A certified trajectory, or None and why not."""
 
     trajectory: Trajectory | None
@@ -119,27 +119,27 @@ def under_peak_jerk(problem: Problem, peak_jerk: ArrayLike) -> Problem:
     return replace(problem, limits=limits)
 
 
-def asked(name: str, problem: Problem) -> Answer:
+def asked(name: str, problem: Problem) -> ReferenceAnswer:
     """A registered planner's certified answer."""
     try:
         planner = load(name)
         reason = planner.unsupported(problem)
         if reason is not None:
-            return Answer(None, reason)
+            return ReferenceAnswer(None, reason)
         return judged(problem, planner, planner.solve(problem))
     except TrajoptError as error:
-        return Answer(None, str(error))
+        return ReferenceAnswer(None, str(error))
 
 
-def judged(problem: Problem, planner: Planner, solution: Solution) -> Answer:
+def judged(problem: Problem, planner: Planner, solution: Solution) -> ReferenceAnswer:
     """Return the certified trajectory of a planner's answer, or why it is no reference.
 
     An answer that breaks a limit which its planner does not know is none, however it is dilated.
     """
     if solution.trajectory is None:
-        return Answer(None, solution.message or str(solution.status))
+        return ReferenceAnswer(None, solution.message or str(solution.status))
     found = verify(problem, solution.trajectory)
     unknown = [KINDS[key].name() for key in planner.unknown(problem)]
     if unknown and found.valid and not found.nearly_feasible:
-        return Answer(None, f"it ignores {' and '.join(unknown)} limits, and breaks them")
-    return Answer(certified(problem, solution.trajectory), "; ".join(found.flaws))
+        return ReferenceAnswer(None, f"it ignores {' and '.join(unknown)} limits, and breaks them")
+    return ReferenceAnswer(certified(problem, solution.trajectory), "; ".join(found.flaws))

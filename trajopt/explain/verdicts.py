@@ -21,7 +21,7 @@ from trajopt.explain.references import (
     OPTIMUM_WITH_JERK,
     PROOF,
     THROUGH_WAYPOINTS,
-    Answer,
+    ReferenceAnswer,
     asked,
     references,
     under_peak_jerk,
@@ -175,7 +175,7 @@ def survey(problem: Problem, families: Iterable[str] = (), *, time_limit: float 
     )
 
 
-def judge(claim: Claim, known: Known) -> JudgedClaim:
+def judge_claim(claim: Claim, known: Known) -> JudgedClaim:
     """The verdict on a claim, and the claim beside what is known."""
     under_jerk = None
     if claim.peak_jerk is not None:
@@ -205,12 +205,12 @@ def verdict(claim: Claim, known: Known) -> Verdict:
     return Verdict.ABOVE
 
 
-def _best(problem: Problem, bound: float) -> tuple[str, Answer]:
+def _best(problem: Problem, bound: float) -> tuple[str, ReferenceAnswer]:
     """Return the planner and its shortest certified answer, or why no planner has one.
 
     No planner is asked once an answer meets the lower bound.
     """
-    shortest = Answer(None)
+    shortest = ReferenceAnswer(None)
     by = ""
     reasons = []
     for name in (THROUGH_WAYPOINTS, *references(problem)):
@@ -225,7 +225,7 @@ def _best(problem: Problem, bound: float) -> tuple[str, Answer]:
     return by or "; ".join(reasons), shortest
 
 
-def _met(answer: Answer, bound: float) -> bool:
+def _met(answer: ReferenceAnswer, bound: float) -> bool:
     """Return whether an answer is at the lower bound."""
     return answer.duration is not None and answer.duration <= bound * (1 + _MET_RTOL)
 

@@ -97,7 +97,7 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
     """
     merged, index = problem.merged()
     _, first = np.unique(index, return_index=True)
-    search = _Search(
+    search = _CycleSearch(
         problem=merged,
         trajectory=trajectory,
         waypoint_times=trajectory.waypoint_times[first],
@@ -117,7 +117,7 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _CycleSearch:
     """The search for the fewest cycles in which the motion can be done.
 
     Attributes:

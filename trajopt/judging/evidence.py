@@ -24,7 +24,7 @@ from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.limits import LIMIT_ORDERS, LimitName, Limits
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.tube import BROKEN_RTOL, Found, slope, tube
+from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer, slope, tube
 from trajopt.judging.tube_proof import Limit, proved
 
 Verdict = Literal["broken", "kept", "cannot be told"]
@@ -234,7 +234,7 @@ class _Through:
     """The joints' motions through waypoints at these times."""
 
     times: Array
-    joints: Sequence[Found]
+    joints: Sequence[TubeAnswer]
 
     @property
     def high(self) -> float:
@@ -276,7 +276,7 @@ class _Joint:
         low, high = self.range
         return np.maximum(low - self.positions, self.positions - high) - self.digits
 
-    def found(self, rest: bool, passing: tuple[Array, Array] | None = None) -> Found:
+    def found(self, rest: bool, passing: tuple[Array, Array] | None = None) -> TubeAnswer:
         """The motion that uses the least of all limits, and the bound."""
         limits = list(self.limits)
         while not np.isfinite(limits[-1][1]):
@@ -304,7 +304,7 @@ class _Joint:
         limits: Sequence[Limit],
         rest: bool,
         passing: tuple[Array, Array] | None,
-    ) -> Found:
+    ) -> TubeAnswer:
         times, positions, half = self._inside(half)
         if passing is not None:
             times, positions, half = _through(times, positions, half, passing)
@@ -319,7 +319,7 @@ class _Joint:
         centre = np.where(fits, (lowest + highest) / 2, self.positions)
         return self.times, centre, np.where(fits, (highest - lowest) / 2, half)
 
-    def _hits(self, found: Found) -> bool:
+    def _hits(self, found: TubeAnswer) -> bool:
         """Return whether the motion meets each sample at some time that rounds to its stamp."""
         ends = self.times[[0, -1]]
         shifted = self.times + self.shift * np.array([[-1.0], [0.0], [1.0]])
@@ -396,7 +396,7 @@ def _through(
 
 
 def _conviction(
-    joints: Sequence[_Joint], lows: Sequence[Found], singles: Sequence[dict[LimitName, float]]
+    joints: Sequence[_Joint], lows: Sequence[TubeAnswer], singles: Sequence[dict[LimitName, float]]
 ) -> Conviction | None:
     """The joint that breaks its limits most, proved in rational numbers."""
     convictions: list[Conviction] = []
@@ -418,7 +418,7 @@ def _conviction(
     return max(convictions, key=lambda own: own.at_least, default=None)
 
 
-def _joined(chosen: Sequence[Found], waypoint_times: Array) -> Trajectory | None:
+def _joined(chosen: Sequence[TubeAnswer], waypoint_times: Array) -> Trajectory | None:
     """The joints' motions as one trajectory; None where there is none, or none in floats."""
     from scipy.interpolate import PPoly
 

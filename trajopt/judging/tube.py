@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.judging.tube_proof import Limit, Proof, bound
+from trajopt.judging.tube_proof import Limit, TubeProof, bound
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -40,7 +40,7 @@ _SUPPORT_SHARES = (0.0, 1e-8, 1e-5)  # smaller multipliers at the ends of a proo
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class TubeAnswer:
     """The answer for one joint.
 
     Attributes:
@@ -56,7 +56,7 @@ class Found:
     degree: int
     knots: Array
     coefficients: Array
-    proof: Proof | None
+    proof: TubeProof | None
 
     def spline(self) -> BSpline:
         """The motion as SciPy's B-spline."""
@@ -83,7 +83,7 @@ def tube(
     *,
     rest: bool = False,
     rounds: int = _MAX_ROUNDS,
-) -> Found:
+) -> TubeAnswer:
     """Return the smallest share of the limits that a motion within the tube uses.
 
     Args:
@@ -98,7 +98,7 @@ def tube(
     """
     knots = _resolved(times, half, limits)
     nearest = _NEAREST_SHARE * float(np.diff(times).min())
-    best: Found | None = None
+    best: TubeAnswer | None = None
     for _ in range(rounds):
         with np.errstate(all="ignore"):
             found = _solved(times, positions, half, limits, knots, rest)
@@ -176,7 +176,7 @@ def _solved(
     limits: Sequence[Limit],
     breaks: Array,
     rest: bool,
-) -> Found:
+) -> TubeAnswer:
     """Solve the program for these knots."""
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_array, vstack
@@ -203,18 +203,18 @@ def _solved(
         ones = np.ones(len(column))
         matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
     filled = np.diff(matrix.indptr) > 0  # coefficients that are equal have no difference
-    rows = _Rows(matrix[filled])
+    rows = _BandedMatrix(matrix[filled])
     upper, lower = np.concatenate(up)[filled], np.concatenate(down)[filled]
     limited = upper > 0
     if not limited.any():
-        return Found(0.0, np.inf, r, knots, np.zeros(len(column)), None)
+        return TubeAnswer(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     right = np.zeros((2, len(upper)))
     right[:, :count] = 1 + local / half, 1 - local / half
     # The initial guess follows the positions, and bends little.
     try:
         x = rows.fitted(count, local / half, np.where(limited, 1e-6, 1.0))
     except (np.linalg.LinAlgError, ValueError):  # beyond the range of floats
-        return Found(0.0, np.inf, r, knots, np.zeros(len(column)), None)
+        return TubeAnswer(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     x, own_y = _interior_point(rows, right.ravel(), np.concatenate([upper, lower]), x)
     y = np.zeros(len(filled))
     y[filled] = own_y
@@ -231,14 +231,14 @@ def _solved(
         own = y[place : place + len(points)] / limits[order][1]
         derivatives[order] = (points, own)
         place += len(points)
-    whole = Proof(limits, times, local, half, multipliers, derivatives, np.zeros(0))
+    whole = TubeProof(limits, times, local, half, multipliers, derivatives, np.zeros(0))
     low, proof = _best_proof(whole)
-    return Found(low, high, r, knots, x[column] + base, proof)
+    return TubeAnswer(low, high, r, knots, x[column] + base, proof)
 
 
-def _best_proof(whole: Proof) -> tuple[float, Proof | None]:
+def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
     """The best bound of a proof or of its part with large multipliers, which rounds less."""
-    best: tuple[float, Proof | None] = (0.0, None)
+    best: tuple[float, TubeProof | None] = (0.0, None)
     weight = np.abs(whole.multipliers * whole.half)
     for share in _SUPPORT_SHARES:
         large = np.flatnonzero(weight > share * weight.max())
@@ -288,7 +288,7 @@ def _levels(knots: Array, degree: int) -> list[tuple[Any, Array]]:
     return found
 
 
-class _Rows:
+class _BandedMatrix:
     """A matrix whose rows have few neighbouring columns, and its normal matrix as a band.
 
     Attributes:
@@ -362,7 +362,7 @@ class _Newton:
         primal, dual, dual_s: Residuals.
     """
 
-    rows: _Rows
+    rows: _BandedMatrix
     u: Array
     w: Array
     y: Array
@@ -401,7 +401,7 @@ class _Newton:
         return dx, ds, dw, (complement - self.y * dw) / self.w
 
 
-def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, Array]:
+def _interior_point(rows: _BandedMatrix, b: Array, u: Array, x: Array) -> tuple[Array, Array]:
     """Solve min s with `[M; −M] x − s u ≤ b` by Mehrotra's method (SIAM J. Optim. 2, 1992).
 
     Returns:

@@ -37,7 +37,7 @@ _LOST_SHARE = 1e-7  # of a piece's area: a root that loses less is not worth a b
 
 
 @dataclass(frozen=True, eq=False)
-class Proof:
+class TubeProof:
     """Numbers that prove a bound.
 
     Attributes:
@@ -59,7 +59,7 @@ class Proof:
     roots: Array
 
 
-def proved(proof: Proof) -> Fraction:
+def proved(proof: TubeProof) -> Fraction:
     """Return the bound on s in rational numbers; a polynomial's contribution is paid for too."""
     r = len(proof.limits)
     zero = Fraction(0)
@@ -113,7 +113,7 @@ def _exact(values: Array | Limit) -> list[Fraction]:
     return [Fraction(float(value)) for value in values]
 
 
-def bound(proof: Proof) -> tuple[float, Proof]:
+def bound(proof: TubeProof) -> tuple[float, TubeProof]:
     """Return the bound on s in floats, and the proof with its roots and mended multipliers.
 
     The solver's multipliers let polynomials contribute a little: r of them are changed so that g
@@ -146,7 +146,7 @@ def _delayed(values: Array) -> Array:
     return np.concatenate([[0.0], values[:-1]])
 
 
-def _mended(proof: Proof) -> Array:
+def _mended(proof: TubeProof) -> Array:
     """The multipliers, r of them changed so that polynomials of degree below r contribute none."""
     r = len(proof.limits)
     times = proof.times

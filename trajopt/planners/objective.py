@@ -22,7 +22,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
-from trajopt.planners.swarm_planner import Group, SwarmPlanner
+from trajopt.planners.swarm_planner import JointGroup, SwarmPlanner
 from trajopt.planners.timing import FamilyTiming, Timing
 
 Fitness = Literal["penalty", "scaled"]
@@ -159,5 +159,5 @@ def unsupported(problem: Problem, shape: str) -> str | None:
 
 def _timing(problem: Problem, shape: str, lower: float, upper: float) -> Timing:
     if shape == CLOSED_FORM:
-        return Group.of(problem, np.flatnonzero(problem.moving), lower, upper)
+        return JointGroup.of(problem, np.flatnonzero(problem.moving), lower, upper)
     return FamilyTiming.of(problem, shape, lower, upper)

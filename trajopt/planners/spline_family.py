@@ -42,7 +42,7 @@ _MOST_WEIGHT = 1e4
 
 
 @dataclass(frozen=True)
-class Family:
+class SplineFamily:
     """Splines of one shape, at any times.
 
     Attributes:
@@ -252,7 +252,7 @@ def derivative(controls: Controls, order: int) -> list[Any]:
     return [factor * difference for difference in differences]
 
 
-def family(shape: str, segments: int, ends: Ends, jerk_limited: bool) -> Family:
+def family(shape: str, segments: int, ends: Ends, jerk_limited: bool) -> SplineFamily:
     """The family of a shape for this many segments.
 
     Degrees too low for ends without acceleration get one more knot in the first and the last
@@ -282,7 +282,7 @@ def family(shape: str, segments: int, ends: Ends, jerk_limited: bool) -> Family:
         # at both ends one more piece, of the same degree in the same segment
         fitted = [fitted[0], *fitted, fitted[-1]]
         numbers = [0, *numbers, segments - 1]
-    return Family(tuple(fitted), tuple(numbers), still_orders)
+    return SplineFamily(tuple(fitted), tuple(numbers), still_orders)
 
 
 def degrees(shape: str) -> list[int]:

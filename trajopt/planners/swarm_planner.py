@@ -153,7 +153,7 @@ class SwarmPlanner(Planner):
 
 
 @dataclass(frozen=True, eq=False)
-class Group(Timing):
+class JointGroup(Timing):
     """Joints with common segment times, between `low` and `high`, s.
 
     `displacements` `(joints, 3)`, `limits` and `room` (None without position limits) are theirs.
@@ -168,7 +168,7 @@ class Group(Timing):
     high: float
 
     @classmethod
-    def of(cls, problem: Problem, joints: Indices, lower: float, upper: float) -> Group:
+    def of(cls, problem: Problem, joints: Indices, lower: float, upper: float) -> JointGroup:
         """Build the group of these joints, which move, with the box of a planner's options."""
         own = problem.only(joints)
         displacements = own.displacements.T
@@ -241,7 +241,7 @@ class SegmentTimes:
 
     planner: SwarmPlanner
     joints: Indices
-    groups: tuple[Group, ...]
+    groups: tuple[JointGroup, ...]
 
     @classmethod
     def of(cls, problem: Problem, planner: SwarmPlanner) -> SegmentTimes:
@@ -250,7 +250,7 @@ class SegmentTimes:
         together = [joints]
         if planner.timing == "per-joint":
             together = list(joints[:, None])
-        groups = [Group.of(problem, own, planner.lower, planner.upper) for own in together]
+        groups = [JointGroup.of(problem, own, planner.lower, planner.upper) for own in together]
         return cls(planner, joints, tuple(groups))
 
     @property
@@ -287,7 +287,7 @@ class SegmentTimes:
             streams += [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
         return streams
 
-    def seconds(self, x: Array, group: Group) -> Array:
+    def seconds(self, x: Array, group: JointGroup) -> Array:
         """Segment times of a group's candidates `(seeds, m, 3)`: `(seeds · m, 3)`, s."""
         candidates = x.reshape(-1, 3)
         if self.planner.space == "unit":
@@ -326,7 +326,7 @@ class SegmentTimes:
             feasible = map(self._feasible, histories, self.groups)
             yield np.array(own), list(feasible)
 
-    def _dilated(self, times: Array, group: Group, fitness: Array) -> Array:
+    def _dilated(self, times: Array, group: JointGroup, fitness: Array) -> Array:
         """A group's best times `(seeds, 3)`, s, as long as their fitness stands for."""
         if self.planner.fitness == "penalty":
             return times
@@ -336,7 +336,7 @@ class SegmentTimes:
             factor = group.dilation(times)
         return times * factor[:, None]
 
-    def _feasible(self, history: Array, group: Group) -> Array:
+    def _feasible(self, history: Array, group: JointGroup) -> Array:
         """A history with NaN until the first candidate within the limits."""
         if self.planner.fitness == "scaled" and not self.position_limited:
             return history

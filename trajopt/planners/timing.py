@@ -22,7 +22,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline_family
 from trajopt.planners.rest_to_rest import stop_times
-from trajopt.planners.spline_family import Family
+from trajopt.planners.spline_family import SplineFamily
 from trajopt.planners.swarm.optimiser import added
 
 
@@ -114,7 +114,7 @@ class FamilyTiming(Timing):
         moving: The problem of the joints that move, whose consecutive waypoints differ.
     """
 
-    family: Family
+    family: SplineFamily
     moving: Problem
     low: float
     high: float

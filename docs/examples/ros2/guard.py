@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from trajopt import Certificate, InvalidInput, Limits
-from trajopt.benchmark.judgement import as_executed
 from trajopt.formats import joint_trajectory
 from trajopt.formats.motion import motion
+from trajopt.judgement import as_executed
 
 
 def refusal(goal: dict[str, Any], names: list[str], limits: Limits) -> str:

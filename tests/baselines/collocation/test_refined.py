@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from baselines.collocation.refined import CollocationRefined
-from baselines.collocation.uniform import Grid, transcription
+from baselines.collocation.uniform import CollocationGrid, transcription
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigVia, section
@@ -166,7 +166,7 @@ def test_intervals_that_change_nothing_stay_where_they_start() -> None:
     """The second joint has time to spare: any lengths will do, and IPOPT would wander for long."""
     limits = Limits([1.0, 1.0], [2.0, 2.0], [20.0, 20.0], [[0.0, 2.0], [0.0, 2.0]])
     problem = Problem([[0.0, 0.0], [1.0, 0.1], [1.9, 0.2]], limits)
-    grid = Grid(problem, 8)
+    grid = CollocationGrid(problem, 8)
     start = grid.stopping()
     optimum = transcription(grid, free=True)(grid, start)
     assert optimum.success

@@ -11,17 +11,17 @@ from baselines.lower_bound import costates, extremal
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.branching import prove
 from baselines.lower_bound.certify import Certify
-from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_bound
+from baselines.lower_bound.dual_check import LOWER, RAISE, BoundProof, cuts, proved_bound
 from baselines.lower_bound.incumbent import incumbent
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
-from baselines.lower_bound.relaxation import Box, Relaxation
+from baselines.lower_bound.relaxation import Relaxation, VariableBounds
 from baselines.lower_bound.row_pool import RowPool, Tangent
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.store import folder
 from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.judging.verification import certified, verify
 from trajopt.planners.rest_to_rest import stop_times
 
@@ -107,7 +107,7 @@ def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls, one_sided)
         below, above = np.abs(rng.normal(size=(2, relaxation.variables)))
         low = x - 0.3 * below * np.abs(x)
         high = x + 0.3 * above * np.abs(x)
-        around = Box(np.maximum(low, root.low), np.minimum(high, root.high))
+        around = VariableBounds(np.maximum(low, root.low), np.minimum(high, root.high))
         box = relaxation.completed(around)
         assert_rows_hold(relaxation.box_rows(box), x)
         at = float(rng.uniform(0.1, 5))
@@ -306,7 +306,7 @@ def proved():
 
 def test_a_proof_proves_its_bound_again(proved):
     problem, bound = proved
-    stored = Proof.stored(bound.proof.arrays())
+    stored = BoundProof.stored(bound.proof.arrays())
     assert proved_bound(problem, stored) == bound.lower_bound
     # the trapezoid: 1.5/1 + 1/2
     assert 2.0 * (1 - 2e-5) < bound.lower_bound <= 2.0
@@ -371,7 +371,7 @@ def test_a_proof_of_an_older_version_is_read(proved):
     arrays = bound.proof.arrays()
     for name in ("square_tangents", "ramps"):
         assert not arrays.pop(f"proof_{name}").size
-    assert proved_bound(problem, Proof.stored(arrays)) == bound.lower_bound
+    assert proved_bound(problem, BoundProof.stored(arrays)) == bound.lower_bound
 
 
 def test_rounding_a_proof_of_many_steps_costs_no_more_than_its_digits():
@@ -461,7 +461,7 @@ def test_a_damaged_proof_is_refused(proved, name, value):
 
 def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
     planner = Certify(within=1e-3, time_limit=20.0)
-    (trial,) = judge(planner, load("one-joint"), [0], "certify")
+    (trial,) = trials_of(planner, load("one-joint"), [0], "certify")
     folder.Store(tmp_path).write(trial)
     assert verification(tmp_path).holds
     edited = replace(trial, solution=replace(trial.solution, lower_bound=1.4))

@@ -29,7 +29,7 @@ print(*(name for name in sys.argv[1:] if name in sys.modules))
 LEFT = """
 import os
 from trajopt.benchmark.run import server
-server.judge()
+server.judge_link()
 print(server._servers[0].process.pid, flush=True)
 os._exit(0)
 """

@@ -21,7 +21,7 @@ from trajopt.benchmark.store import layout, results_file, trial_text
 from trajopt.benchmark.store.fields import FIELDS
 from trajopt.benchmark.store.folder import Store, read, save
 from trajopt.benchmark.store.recheck import verification
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 
 LIMITS = Limits([1.0], [2.0])
 COLUMNS = (*FIELDS, *layout.ADDED_FIELDS)
@@ -31,7 +31,7 @@ SMALL = Problem([[0.0], [1.0]], LIMITS, "small")
 def kinds():
     """Sizes that differ, a failure without arrays, stats that only some have."""
     a = solved()
-    (b,) = judge(Stopping(0.25), SMALL, [5], "stopping")
+    (b,) = trials_of(Stopping(0.25), SMALL, [5], "stopping")
     failed = Solution(Status.FAILED, message="no")
     bare = replace(a, seed=4, status=Status.FAILED, solution=failed)
     bare = replace(bare, message="no", certificate=None, setup_time=0.0)
@@ -196,7 +196,7 @@ def test_a_run_without_a_motion_has_its_verdict_alone(file):
 
 def test_gaps_are_fractions_of_the_reference_that_is_given(tmp_path):
     """Rest to rest over 1 rad within 1 rad/s and 2 rad/s² takes 1 + 1/2 s."""
-    (trial,) = judge(Stopping(3.0), SMALL, [0], "stopping")
+    (trial,) = trials_of(Stopping(3.0), SMALL, [0], "stopping")
     text = trial_text.write(trial)
     path = tmp_path / "x.h5"
     optimum = {SMALL.digest(): 1.5}
@@ -214,7 +214,7 @@ def test_gaps_are_fractions_of_the_reference_that_is_given(tmp_path):
     "name", ["a/b", "../x", ".", "", "100 %", "%2F", "a\\b", "q[0]", "①", "x" * 3000, "runs/#1"]
 )
 def test_a_run_of_any_name_is_where_its_path_says(tmp_path, name):
-    (trial,) = judge(Stopping(), replace(SMALL, name=name), [5], f"./{name}.py:P")
+    (trial,) = trials_of(Stopping(), replace(SMALL, name=name), [5], f"./{name}.py:P")
     with h5py.File(save(tmp_path / "x.h5", trial)) as file:
         (path,) = file["trials/path"].asstr()[()]
         assert path.count("/") == 4
@@ -243,7 +243,7 @@ def test_the_version_that_ran_last_has_the_plain_seed_for_a_name():
 
 def test_two_problems_of_one_name_have_a_group_each(tmp_path):
     other = Problem([[0.0], [2.0]], LIMITS, "small")
-    trials = [judge(Stopping(), problem, [0], "stopping")[0] for problem in (SMALL, other)]
+    trials = [trials_of(Stopping(), problem, [0], "stopping")[0] for problem in (SMALL, other)]
     store = Store(tmp_path)
     store.write_all(trials)
     with h5py.File(store.consolidate()) as file:

@@ -12,7 +12,7 @@ from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.folder import Store, save
 from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 
 
 def checked(tmp_path, trial):
@@ -111,22 +111,22 @@ def objections(path):
 
 def test_a_built_in_name_needs_the_built_in_numbers(tmp_path):
     built_in = catalogue.load("one-joint")
-    (trial,) = judge(Stopping(3.0), built_in, [0], "stopping")
+    (trial,) = trials_of(Stopping(3.0), built_in, [0], "stopping")
     assert checked(tmp_path, trial).holds
     easier = Limits(1.01 * built_in.limits.velocity, built_in.limits.acceleration)
     other = Problem(built_in.waypoints, easier, "one-joint")
-    (trial,) = judge(Stopping(3.0), other, [0], "stopping")
+    (trial,) = trials_of(Stopping(3.0), other, [0], "stopping")
     assert checked(tmp_path, trial).differences == (
         "problem: its numbers are not those of the built-in one-joint",
     )
-    (trial,) = judge(Stopping(3.0), replace(other, name="mine"), [0], "stopping")
+    (trial,) = trials_of(Stopping(3.0), replace(other, name="mine"), [0], "stopping")
     assert checked(tmp_path, trial).holds
 
 
 def test_names_of_suites_are_built_in_too(tmp_path):
     arm = catalogue.problems("robots")[0]
     fake = replace(PROBLEM, name=arm.name)
-    (trial,) = judge(Stopping(3.0), fake, [0], "stopping")
+    (trial,) = trials_of(Stopping(3.0), fake, [0], "stopping")
     assert not checked(tmp_path, trial).holds
 
 

@@ -16,7 +16,7 @@ from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.document import pack, unpack
 from trajopt.benchmark.store.fields import SEED_MAX, columns
 from trajopt.benchmark.store.folder import Store, recorded
-from trajopt.benchmark.trial import judge, trial_id
+from trajopt.benchmark.trial import trial_id, trials_of
 from trajopt.planners.registry import load, options
 
 
@@ -62,7 +62,7 @@ def test_every_field_of_a_real_planner_comes_back(stored, spec):
     limits = Limits([1.0], [2.0])
     problem = Problem([[0.0], [0.4], [1.0], [1.5]], limits, "one joint")
     name, _, _ = spec.partition(":")
-    (trial,) = judge(load(spec), problem, [0], name)
+    (trial,) = trials_of(load(spec), problem, [0], name)
     assert trial.certified_duration is not None
     assert_same(stored(trial), trial)
 
@@ -80,7 +80,7 @@ def test_certificates_of_all_kinds_come_back(stored):
     """Jerk and position limits, and a flaw that no dilation mends."""
     limits = Limits([1.0], [2.0], jerk=[3.0], position=[[-0.5, 1.2]])
     problem = Problem([[0.0], [0.4], [1.0], [0.9]], limits)
-    (trial,) = judge(load("unoptimised"), problem, [0], "unoptimised")
+    (trial,) = trials_of(load("unoptimised"), problem, [0], "unoptimised")
     assert trial.certificate.jerk
     assert trial.certificate.position
     certificate = replace(trial.certificate, flaws=("joint 1 at 0 s: jumps", "another"))

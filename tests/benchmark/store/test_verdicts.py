@@ -12,7 +12,7 @@ from trajopt import Status, compare
 from trajopt.benchmark.store import trial_text, verdicts
 from trajopt.benchmark.store.folder import Store, Unheld, read
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 from trajopt.views.results import Results
 
@@ -123,7 +123,7 @@ def test_the_caches_of_judges_long_gone_are_removed(tmp_path):
 @pytest.mark.parametrize("bound", [9.0, 0.1])
 def test_a_bound_that_gaps_rest_on_is_what_its_proof_proves(tmp_path, bound):
     problem = catalogue.load("one-joint")
-    (true,) = judge(load("certify"), problem, [0], "certify")
+    (true,) = trials_of(load("certify"), problem, [0], "certify")
 
     def change(table):
         table["solution"]["lower_bound"] = bound

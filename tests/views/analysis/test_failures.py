@@ -11,7 +11,7 @@ from test_results import OTHER, PROBLEM, Answering, leaving, run
 from trials import as_runs
 
 from trajopt import Limits, Problem, Status, Trajectory
-from trajopt.benchmark.trial import Configuration, Trial, judge, unanswered
+from trajopt.benchmark.trial import Configuration, Trial, trials_of, unanswered
 from trajopt.cli.suite_table import show
 from trajopt.planners.swarm_planner import Unoptimised
 from trajopt.views import report
@@ -32,7 +32,7 @@ def piecewise(*values: float) -> list[Trial]:
     trajectory = Trajectory(
         breaks, [np.diff(values)[:, None], np.array(values)[:-1, None]], breaks[[0, -1]]
     )
-    return judge(Answering(trajectory), PROBLEM, [0], "straight")
+    return trials_of(Answering(trajectory), PROBLEM, [0], "straight")
 
 
 def test_position_limits_are_counted_once_with_the_worst() -> None:
@@ -53,9 +53,11 @@ def test_named_joints_are_of_one_kind_too(name: str) -> None:
 
 
 def test_every_flaw_that_the_verifier_names_has_a_kind() -> None:
-    late = judge(Answering(Trajectory([0, 1], [[[0.9]], [[0.0]]], [0, 1])), PROBLEM, [0], "late")
+    late = trials_of(
+        Answering(Trajectory([0, 1], [[[0.9]], [[0.0]]], [0, 1])), PROBLEM, [0], "late"
+    )
     skip = Trajectory([0, 1, 2], [[[0.0], [0.0]], [[0.0], [1.0]]], [0, 2])
-    jumps = judge(Answering(skip), PROBLEM, [0], "skips")
+    jumps = trials_of(Answering(skip), PROBLEM, [0], "skips")
     words = {
         t.label.split(":")[0]: in_words(failures(Results([t])))
         for t in [*late, *jumps, *piecewise(0.0, 1.0)]

@@ -8,7 +8,7 @@ import pytest
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Origin, made
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.gap_reference import improvements
 from trajopt.views.results import Results
@@ -42,7 +42,7 @@ class Fixed(Planner):
 
 
 def run(name, duration, bound=None):
-    return judge(Fixed(duration, bound), PROBLEM, [0], name)
+    return trials_of(Fixed(duration, bound), PROBLEM, [0], name)
 
 
 @pytest.fixture

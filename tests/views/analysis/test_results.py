@@ -20,7 +20,7 @@ from trajopt import (
 )
 from trajopt.benchmark.store.fields import FIELDS
 from trajopt.benchmark.store.folder import Store
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.pairwise import mean_ranks
@@ -61,7 +61,7 @@ class Fixed(Planner):
 
 def run(name, *durations, problem=PROBLEM, **more):
     planner = Fixed(*durations, **more)
-    return [judge(planner, problem, [seed], name)[0] for seed in range(len(durations))]
+    return [trials_of(planner, problem, [seed], name)[0] for seed in range(len(durations))]
 
 
 def test_the_reference_is_the_shortest_certified_exact_answer_of_each_problem():
@@ -314,7 +314,7 @@ def leaving(problem, furthest):
     """Straight pieces through `furthest` (rad) instead of the waypoint in the middle."""
     ends = np.array([problem.waypoints[0, 0], furthest, problem.waypoints[-1, 0]])
     trajectory = Trajectory([0, 1, 2], [np.diff(ends)[:, None], ends[:2, None]], [0, 1, 2])
-    (trial,) = judge(Answering(trajectory), problem, [0], "leaving")
+    (trial,) = trials_of(Answering(trajectory), problem, [0], "leaving")
     return [trial]
 
 
@@ -369,7 +369,7 @@ def test_of_tied_rows_the_optimum_is_first_and_then_the_name_decides():
     }
     trials = []
     for name, durations in named.items():
-        trials += judge(Fixed(*durations), PROBLEM, [0], name)
+        trials += trials_of(Fixed(*durations), PROBLEM, [0], name)
     expected = ["faster", "exact", "certify", "exact-jerk", "a", "b", "gives up"]
     for given in (trials, trials[::-1]):
         results = Results(given)

@@ -10,7 +10,7 @@ import pytest
 from trajopt import InvalidInput, Limits, Problem, StoreError
 from trajopt import judge as judge_motion
 from trajopt.benchmark.store import folder as store
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 from trajopt.views.export import motion_file as export
 
@@ -20,7 +20,7 @@ PROBLEM = Problem([[0, 0.1], [0.4, 0], [1, 0.3], [1.5, 1]], Limits([1, 2], [2, 3
 @pytest.fixture(scope="module")
 def trial():
     """Claimed in 0.6 s, ten times too fast: what is exported must be the certified one."""
-    trial = judge(load("unoptimised:segment_time=0.2"), PROBLEM, [0], "unoptimised")[0]
+    trial = trials_of(load("unoptimised:segment_time=0.2"), PROBLEM, [0], "unoptimised")[0]
     assert trial.certificate.dilation > 2
     return trial
 
@@ -98,7 +98,9 @@ def test_hdf5_is_a_trial_of_the_store(tmp_path, trial):
 
 @pytest.mark.parametrize("suffix", ["csv", "json"])
 def test_nothing_certified_is_nothing_to_write(tmp_path, suffix):
-    stuck = judge(load("unoptimised"), Problem([[0], [1]], Limits([1], [1])), [0], "unoptimised")[0]
+    stuck = trials_of(
+        load("unoptimised"), Problem([[0], [1]], Limits([1], [1])), [0], "unoptimised"
+    )[0]
     with pytest.raises(StoreError, match="unsupported"):
         written(tmp_path / f"t.{suffix}", stuck)
     assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,7 @@ import pytest
 
 from trajopt import Limits, Problem, Relation, Solution, Status
 from trajopt.benchmark.provenance import PACKAGES
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.core.exceptions import MissingBackend
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner
@@ -61,12 +61,12 @@ class Searching(Planner):
 
 
 def run(name="mine", *, problem=PROBLEM, seeds=(0,), **options):
-    return [judge(Searching(**options), problem, [seed], name)[0] for seed in seeds]
+    return [trials_of(Searching(**options), problem, [seed], name)[0] for seed in seeds]
 
 
 def mixed():
     """All there is: references, failures, text that CSV must quote, texts that look like gaps."""
-    exact = judge(load("exact:starts=1"), PROBLEM, [0], "exact")
+    exact = trials_of(load("exact:starts=1"), PROBLEM, [0], "exact")
     words = [
         "a,b",
         'c"d',

@@ -9,7 +9,7 @@ import pytest
 from pictures import Sleepy, some_trials
 
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
@@ -27,7 +27,7 @@ def trials():
 def slow_trial(segment_time):
     problem = catalogue.load("one-joint")
     planner = load(f"unoptimised:segment_time={segment_time}")
-    (trial,) = judge(planner, problem, [0], "slower")
+    (trial,) = trials_of(planner, problem, [0], "slower")
     return trial
 
 
@@ -144,7 +144,7 @@ def test_problems_of_one_name_have_folders_of_their_own(tmp_path):
     problems = [Problem([[0.0], [x]], Limits([1.0], [1.0]), "same") for x in (1.0, 2.0)]
     trials = []
     for problem in problems:
-        trials += judge(load("exact"), problem, [0], "exact")
+        trials += trials_of(load("exact"), problem, [0], "exact")
     folders = {file.parent.name for file in draw.draw(trials, tmp_path)}
     assert folders == {f"same-{problem.digest()[:8]}" for problem in problems}
 
@@ -154,7 +154,7 @@ def test_a_relaxed_optimum_is_called_so(tmp_path):
     unknown = replace(recorded, waypoints=1.001 * recorded.waypoints)  # it has no record
     trials = []
     for name in ("exact", "unoptimised"):
-        trials += judge(load(name), unknown, [0], name)
+        trials += trials_of(load(name), unknown, [0], name)
     draw.write(Results(trials), tmp_path, "svg")
     folder = tmp_path / "jerk-limit"
     motion = (folder / "motion-unoptimised.svg").read_text(encoding="utf-8")
@@ -190,7 +190,7 @@ class Hasty(Sleepy):
 
 
 def test_convergence_is_certified_in_the_report_as_in_the_figure():
-    (trial,) = judge(Hasty(), catalogue.load("one-joint"), [0], "hasty")
+    (trial,) = trials_of(Hasty(), catalogue.load("one-joint"), [0], "hasty")
     assert trial.certificate.dilation > 1.1
     panel = panels.panel([trial], ["hasty"], with_motions=False)
     (band,) = panel["convergence"]
@@ -219,8 +219,8 @@ def test_the_figures_of_a_suite_are_written_without_those_of_each_problem(tmp_pa
     found = []
     for number in (1.0, 2.0):
         problem = Problem([[0.0], [number]], Limits([1.0], [2.0]), f"problem {number:g}")
-        found += judge(load("ruckig-stop"), problem, [0], "ruckig-stop")
-        found += judge(load("exact"), problem, [0], "exact")
+        found += trials_of(load("ruckig-stop"), problem, [0], "ruckig-stop")
+        found += trials_of(load("exact"), problem, [0], "exact")
     results = Results(found)
     draw.write(results, tmp_path / "suite", "svg", each_problem=False)
     assert {path.name for path in (tmp_path / "suite").iterdir()} >= {"profile.svg", "gaps.svg"}

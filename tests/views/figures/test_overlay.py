@@ -14,7 +14,7 @@ PROBLEM = Problem([[0.0, 0.0], [0.2, 1.0], [0.3, 2.0]], Limits([1.0, 1.0], [2.0,
 
 
 def motion(name):
-    return overlay.Motion(name, name, load(name).solve(PROBLEM, seed=0).trajectory)
+    return overlay.ShownMotion(name, name, load(name).solve(PROBLEM, seed=0).trajectory)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from trajopt import (
     Status,
     Trajectory,
 )
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.curves import GAP_FLOOR, anytime, gap_shares, profile
 from trajopt.views.figures import draw, plots, suite
@@ -57,7 +57,7 @@ def trials() -> list[Trial]:
     for number in range(3):
         problem = Problem([[0.0], [1.0 + number]], limits, f"problem {number}")
         for name, duration, seeds in (("exact", 2.0, 1), ("a_b", 2.2, 3), ("slow$", 3.0, 3)):
-            found += judge(Searching(duration), problem, range(seeds), name)
+            found += trials_of(Searching(duration), problem, range(seeds), name)
     return found
 
 
@@ -105,10 +105,10 @@ def test_the_shortest_of_all_answers_counts_and_the_table_s_problems() -> None:
     found = []
     for number in range(3):
         problem = Problem([[0.0], [1.0 + number]], limits, f"problem {number}")
-        found += judge(Searching(2.2), problem, [0], "everywhere")
-        found += judge(Relaxing(3.0), problem, [0], "relaxing")
+        found += trials_of(Searching(2.2), problem, [0], "everywhere")
+        found += trials_of(Relaxing(3.0), problem, [0], "relaxing")
         if number == 0:
-            found += judge(Searching(2.0), problem, [0], "once")
+            found += trials_of(Searching(2.0), problem, [0], "once")
     results = Results(found)
     table = results.planners()
     assert table.loc["relaxing", ["relaxed", "solved"]].tolist() == [1, 2]

@@ -18,12 +18,12 @@ import pytest
 from trials import as_runs
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
-from trajopt.benchmark.judgement import GivenMotion
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.active_limits import share_at_limits
 from trajopt.formats.motion import motion
+from trajopt.judgement import GivenMotion
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.views import report, table_cells
@@ -72,7 +72,7 @@ def run(name: str, *durations: float | None, on: Problem | None = None) -> list[
     planner = Made(*durations, message="Traceback:\n  line 7\nValueError: <gave> up")
     trials = []
     for seed in range(len(durations)):
-        (trial,) = judge(planner, chosen, [seed], name)
+        (trial,) = trials_of(planner, chosen, [seed], name)
         of_a_package = trial.provenance | {"planner_distribution": "made"}
         trials.append(replace(trial, provenance=of_a_package))
     return trials
@@ -205,7 +205,7 @@ def test_the_command_of_a_trial_runs_its_problem_and_planner(html: str, tmp_path
 def test_a_built_in_problem_goes_by_its_name_an_impostor_does_not() -> None:
     items = [
         *run("mine", 2.0, on=problem("one-joint")),
-        *judge(load("unoptimised"), suite.load("one-joint"), [0], ""),
+        *trials_of(load("unoptimised"), suite.load("one-joint"), [0], ""),
     ]
     page = content.page(Results(items))
     assert sorted(page.names) == [
@@ -573,7 +573,7 @@ def test_a_whole_suite_goes_by_its_name() -> None:
 
 def test_planners_are_named_with_the_distribution_that_they_are_of() -> None:
     (one,) = run("mine", 2.0)
-    (two,) = judge(load("unoptimised"), problem("one"), [0], "unoptimised")
+    (two,) = trials_of(load("unoptimised"), problem("one"), [0], "unoptimised")
     stranger = {"planner_distribution": "strangers-planners", "planner_version": "1.2"}
     one = replace(one, provenance=one.provenance | stranger)
     told = origin.planners_code([one, two])
@@ -582,7 +582,7 @@ def test_planners_are_named_with_the_distribution_that_they_are_of() -> None:
 
 def test_the_command_line_does_not_know_planners_of_a_script(tmp_path: Path) -> None:
     (one,) = run("mine", 2.0)
-    (two,) = judge(load("unoptimised"), problem("one"), [0], "unoptimised")
+    (two,) = trials_of(load("unoptimised"), problem("one"), [0], "unoptimised")
     one = replace(one, provenance=one.provenance | {"planner_distribution": ""})
     assert origin.scripted([one, two]) == ["mine"]
     file = report.write(Results([one, two]), tmp_path / "report.html")
@@ -600,7 +600,7 @@ def test_a_trial_of_a_script_or_of_a_file_shows_no_command_that_would_fail() -> 
         "mine was given in Python: the script that did so runs it again.",
     )
     spline = Path("docs/examples/motions/spline.csv")
-    (judged,) = judge(GivenMotion(motion(spline)), problem("one"), [0], "spline.csv")
+    (judged,) = trials_of(GivenMotion(motion(spline)), problem("one"), [0], "spline.csv")
     command, instead = origin.again(judged, "one.toml")
     assert command == ""
     assert "trajopt compare one.toml --motion" in instead

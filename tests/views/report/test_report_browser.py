@@ -30,7 +30,7 @@ from trajopt import Limits, Problem, Status
 from trajopt import comparison as run
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 from trajopt.views import report
 from trajopt.views.results import Results
@@ -56,7 +56,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     folder = tmp_path_factory.mktemp("results")
     planners = [(spec.partition(":")[0], load(spec)) for spec in PLANNERS]
     run.compare([suite.load("one-joint")], planners, folder, seeds=3)
-    stiff = [*made_on("mine", 3.0, 4.0, on=STIFF), *judge(load("toppra"), STIFF, [0], "toppra")]
+    stiff = [*made_on("mine", 3.0, 4.0, on=STIFF), *trials_of(load("toppra"), STIFF, [0], "toppra")]
     # the made-up `exact` is the later version of that planner, whichever test made it first
     later = [replace(trial, started="2100-01-01T00:00:00+00:00") for trial in made()]
     return Results([*store.Store(folder).read(), *stiff, *later])

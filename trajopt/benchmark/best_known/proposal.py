@@ -61,7 +61,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class RecordUpdate:
     """The candidates for one problem, compared with its record.
 
     Attributes:
@@ -140,7 +140,7 @@ def today() -> str:
     return datetime.now(UTC).date().isoformat()
 
 
-def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[Outcome]:
+def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[RecordUpdate]:
     """Compare the candidates with a folder of records, problem by problem.
 
     Raises:
@@ -153,7 +153,7 @@ def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[Outcome]:
         yield _outcome(own, where)
 
 
-def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
+def _outcome(candidates: Sequence[Candidate], where: Path) -> RecordUpdate:
     problem = candidates[0].problem
     before = records.find(problem, where)
     found = [_with_motion(before, candidate) for candidate in candidates]
@@ -167,7 +167,7 @@ def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
             record = _with_proof(record, candidate)
         _check_order(record)
     after = None if record is before else record
-    return Outcome(problem, before, after, shortest.duration if shortest else None)
+    return RecordUpdate(problem, before, after, shortest.duration if shortest else None)
 
 
 def _with_motion(before: Record | None, candidate: Candidate) -> Record | None:

@@ -24,7 +24,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
-from trajopt.explain.references import BEST_KNOWN, Answer
+from trajopt.explain.references import BEST_KNOWN, ReferenceAnswer
 from trajopt.judging.verification import certified
 from trajopt.planners.planner import Relation
 
@@ -236,12 +236,12 @@ def _read(file: Path, changed: int) -> Record:
     return read(file)
 
 
-def answer(problem: Problem) -> Answer:
+def answer(problem: Problem) -> ReferenceAnswer:
     """Return the recorded motion as a reference's answer, verified now, with its origin."""
     record = find(problem)
     if record is None:
-        return Answer(None, "nothing is recorded for these numbers")
-    return Answer(certified(problem, record.trajectory), str(record.motion))
+        return ReferenceAnswer(None, "nothing is recorded for these numbers")
+    return ReferenceAnswer(certified(problem, record.trajectory), str(record.motion))
 
 
 # --- the check ---

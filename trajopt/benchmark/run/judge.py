@@ -76,7 +76,7 @@ class Inquiry:
     allowed: Allowance
 
 
-class _Limit(NamedTuple):
+class _Allotment(NamedTuple):
     """Time and memory that questions may take: s, the monotonic clock at their end, GiB."""
 
     seconds: float
@@ -84,7 +84,7 @@ class _Limit(NamedTuple):
     memory: float | None
 
     @classmethod
-    def of(cls, allowed: Allowance, trials: int = 1) -> _Limit:
+    def of(cls, allowed: Allowance, trials: int = 1) -> _Allotment:
         """Return the limit of so many trials from now on."""
         seconds = allowed.timeout * trials
         return cls(seconds, time.monotonic() + seconds, allowed.memory)
@@ -97,7 +97,7 @@ class Ending(NamedTuple):
     message: str
 
 
-class Failure(NamedTuple):
+class JudgeError(NamedTuple):
     """An error of the judge itself, which the run raises."""
 
     error: BaseException
@@ -123,7 +123,9 @@ def serve(link: socket.socket) -> NoReturn:
             stream.flush()
 
 
-def _served(bench: _Bench, request: Request | Inquiry) -> list[Written] | bytes | Ending | Failure:
+def _served(
+    bench: _Bench, request: Request | Inquiry
+) -> list[Written] | bytes | Ending | JudgeError:
     try:
         if isinstance(request, Inquiry):
             return bench.inquire(request)
@@ -131,8 +133,8 @@ def _served(bench: _Bench, request: Request | Inquiry) -> list[Written] | bytes 
     except Exception as error:
         with suppress(Exception):
             pickle.loads(pickle.dumps(error))
-            return Failure(error)
-        return Failure(WorkerError(traceback.format_exc()))
+            return JudgeError(error)
+        return JudgeError(WorkerError(traceback.format_exc()))
 
 
 def judge_here(request: Request, answers: Answers, started: str) -> list[Written]:
@@ -247,7 +249,7 @@ class _Bench:
 
     def inquire(self, inquiry: Inquiry) -> bytes | Ending:
         """Ask for a description; return the message, or in a line how the process ended."""
-        limit = _Limit.of(inquiry.allowed)
+        limit = _Allotment.of(inquiry.allowed)
         self._solver = _Solver(self._around, limit.memory)
         reply = self._reply(inquiry.question, limit)
         printed = self._printed().rpartition("\n")[2]
@@ -289,7 +291,7 @@ class _Bench:
 
         Both are measured here, less the time of an empty question.
         """
-        limit = _Limit.of(request.allowed, len(request.seeds))
+        limit = _Allotment.of(request.allowed, len(request.seeds))
         loading_time = 0.0
 
         def asked(question: solver.Question) -> tuple[bytes | Ending, float]:
@@ -315,7 +317,7 @@ class _Bench:
         )
         return reply, loading_time, wall_time
 
-    def _reply(self, asked: solver.Question, limit: _Limit) -> bytes | Ending:
+    def _reply(self, asked: solver.Question, limit: _Allotment) -> bytes | Ending:
         """Return the message of the solver process, or how it ended without one."""
         current = self._solver
         assert current is not None

@@ -45,7 +45,7 @@ def reporter(wanted: Report | bool | None) -> Report:
     if callable(wanted):
         return wanted
     if wanted is not False and type(sys.stderr).__module__.startswith("ipykernel"):
-        return Cell()
+        return NotebookOutput()
     if wanted is None:
         wanted = sys.stderr is not None and sys.stderr.isatty()
     return Line() if wanted else lambda _: None
@@ -96,7 +96,7 @@ class Line:
         self._length = len(text)
 
 
-class Cell(Line):
+class NotebookOutput(Line):
     """Show progress as one output of a notebook's cell, which is updated."""
 
     _handle: Any = None

@@ -22,7 +22,7 @@ import cloudpickle
 
 from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.run import answer, dask, server
-from trajopt.benchmark.run.judge import Ending, Failure, Inquiry, Request, judge_here, record
+from trajopt.benchmark.run.judge import Ending, Inquiry, JudgeError, Request, judge_here, record
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.solver import Describe, Surroundings
 from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task, missing
@@ -247,7 +247,7 @@ class _Judge:
 
     def __init__(self, source: str | bytes) -> None:
         self.source = source
-        self.link = server.judge()
+        self.link = server.judge_link()
         self._stream: Any = self.link.makefile("rwb")
         here = Surroundings.here()
         environment = {**here.environment, **server.SINGLE_THREADED}
@@ -270,7 +270,7 @@ class _Judge:
             done = pickle.load(self._stream)
         except (EOFError, OSError, pickle.UnpicklingError):
             return None
-        if isinstance(done, Failure):
+        if isinstance(done, JudgeError):
             raise done.error
         answer: list[Written] | bytes | Ending = done
         return answer

@@ -82,7 +82,7 @@ _lock = threading.Lock()
 _servers: list[_Server] = []  # the last one is used
 
 
-def judge() -> socket.socket:
+def judge_link() -> socket.socket:
     """Start a judge; return the link to it."""
     mine, theirs = socket.socketpair()
     with _lock, theirs:

@@ -243,7 +243,7 @@ class Seen:
             self.keep(one, trial)
             self._added.append(trial.id)
 
-    def judge(self, *, trusted: bool) -> None:
+    def judge_trials(self, *, trusted: bool) -> None:
         """Compute the verdicts of all trials, except of those added, if their judge is `trusted`.
 
         A judge is trusted that this run started, from this installation.

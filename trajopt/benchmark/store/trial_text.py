@@ -184,19 +184,19 @@ def _problem(table: Any) -> Problem:
     digest = table["digest"]
     known = _PROBLEMS.get(digest)
     if known is None or known.table != table:
-        known = _Known(table, problem_of(table))
+        known = _StatedProblem(table, problem_of(table))
         _PROBLEMS[digest] = known
     return known.problem
 
 
-class _Known(NamedTuple):
+class _StatedProblem(NamedTuple):
     """A problem, and the table that states it."""
 
     table: Any
     problem: Problem
 
 
-_PROBLEMS: dict[str, _Known] = {}  # by their digests
+_PROBLEMS: dict[str, _StatedProblem] = {}  # by their digests
 
 
 def _check_provenance(provenance: Mapping[str, Any]) -> None:

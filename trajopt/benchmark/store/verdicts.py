@@ -37,14 +37,14 @@ _MAX_KEPT = 100_000  # verdicts in the cache, the newest ones
 _MAX_AGE_S = 30 * 86400.0  # of another judge's cache
 
 
-class Judged(NamedTuple):
+class JudgedTrial(NamedTuple):
     """A stored trial with the verdict of this installation's judge, and what does not hold."""
 
     trial: Trial
     differences: tuple[str, ...]
 
 
-def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[Judged]:
+def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[JudgedTrial]:
     """Yield trials, each given with its text, with their computed verdicts."""
     known = _kept()
     new: dict[str, Any] = {}
@@ -55,7 +55,7 @@ def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[Judged]:
         except Exception:  # not there, or not what this module wrote
             found = _computed(trial)
             table = _table(found)
-            new[digest] = None if table == _table(Judged(trial, ())) else table
+            new[digest] = None if table == _table(JudgedTrial(trial, ())) else table
             yield found
     if new:
         _keep(known | new)
@@ -95,7 +95,7 @@ def changed(then: Trial, now: Trial) -> list[str]:
     return found
 
 
-def _computed(then: Trial) -> Judged:
+def _computed(then: Trial) -> JudgedTrial:
     now = again(then)
     differences = changed(then, now)
     if then.label.partition(":")[0] != then.planner:
@@ -105,7 +105,7 @@ def _computed(then: Trial) -> Judged:
         if word != proofs.PROVED_AGAIN:
             differences += unproved or [f"lower bound: {word}"]
             now = replace(now, solution=replace(now.solution, lower_bound=_proved(then)))
-    return Judged(now, tuple(differences))
+    return JudgedTrial(now, tuple(differences))
 
 
 def _proved(trial: Trial) -> float | None:
@@ -142,7 +142,7 @@ def _said(value: Any) -> str:
 # --- what was computed before ---
 
 
-def _table(found: Judged) -> dict[str, Any]:
+def _table(found: JudgedTrial) -> dict[str, Any]:
     """Return a verdict in JSON's terms."""
     trial = found.trial
     return {
@@ -155,16 +155,16 @@ def _table(found: Judged) -> dict[str, Any]:
     }
 
 
-def _remembered(then: Trial, table: Mapping[str, Any] | None) -> Judged:
+def _remembered(then: Trial, table: Mapping[str, Any] | None) -> JudgedTrial:
     """Return a trial with the verdict in the table; with the stated one if that was confirmed."""
     if table is None:
-        return Judged(then, ())
+        return JudgedTrial(then, ())
     own = {name: table[name] for name in ("message", "label")}
     certificate = trial_text.certificate_of(table["certificate"], then.problem)
     solution = replace(then.solution, lower_bound=table["lower_bound"])
     status = Status(table["status"])
     now = replace(then, status=status, certificate=certificate, solution=solution, **own)
-    return Judged(now, tuple(table["differences"]))
+    return JudgedTrial(now, tuple(table["differences"]))
 
 
 def _file() -> Path:

@@ -10,7 +10,6 @@ import numpy as np
 
 from trajopt.core import arm_file
 from trajopt.core.arm_file import Arm
-from trajopt.core.arm_file import Origin as Origin
 from trajopt.core.arm_file import arm_files as arm_files
 from trajopt.core.problem import Problem
 

@@ -16,11 +16,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from trajopt.benchmark.judgement import Execution, GivenMotion, passing
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.document import trajectory_table
 from trajopt.benchmark.store.folder import save
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.core.exceptions import InvalidInput, StoreError, WrongType, shown
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -29,6 +28,7 @@ from trajopt.formats import joint_trajectory, on_cycle, samples_csv
 from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.on_cycle import OnCycle
 from trajopt.formats.samples import Samples
+from trajopt.judgement import Execution, GivenMotion, passing
 from trajopt.judging.verification import Certificate, verify
 from trajopt.views.analysis.gap_reference import durations
 
@@ -166,7 +166,7 @@ def write_log(path: Path, found: Execution) -> bool:
     own = passing(found.problem, motion)
     if path.suffix == ".h5":
         given = GivenMotion(read_motion(own))
-        (trial,) = judge(given, found.problem, [0], found.motion.name)
+        (trial,) = trials_of(given, found.problem, [0], found.motion.name)
         save(path, trial, durations)
     elif path.suffix == ".json":
         _write_text(path, json.dumps(_polynomials(found.problem, own), indent=1))

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from trajopt.benchmark.front import Beside, Front
-    from trajopt.benchmark.judgement import Judgement
     from trajopt.explain.decomposition import Explanation
+    from trajopt.judgement import Judgement
 
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
@@ -307,14 +307,14 @@ def _overlay(trials: Sequence[Trial], order: Sequence[str]) -> Iterator[Picture]
     medians = _medians(trials)
     optimum, name = _optimum(trials)
     shown = [
-        overlay.Motion(
+        overlay.ShownMotion(
             trial.label, SPOKEN.get(trial.label, trial.label), trial.certified_trajectory
         )
         for trial in _telling(medians)
         if trial.certified_trajectory is not None and trial.planner not in REFERENCES
     ]
     if optimum is not None:
-        shown.insert(0, overlay.Motion("exact", name, optimum))
+        shown.insert(0, overlay.ShownMotion("exact", name, optimum))
     if len(shown) > 1:
         yield "overlay", partial(overlay.overlay, trials[0].problem, shown, order)
 

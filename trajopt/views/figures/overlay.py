@@ -26,7 +26,7 @@ FONT_PT = 9.5
 FULL = 105.0  # %, of the axis of used limits
 
 
-class Motion(NamedTuple):
+class ShownMotion(NamedTuple):
     """A motion that is shown.
 
     Attributes:
@@ -42,7 +42,7 @@ class Motion(NamedTuple):
 
 @styled
 def overlay(
-    problem: Problem, motions: Sequence[Motion], order: Sequence[str] = (), title: str = ""
+    problem: Problem, motions: Sequence[ShownMotion], order: Sequence[str] = (), title: str = ""
 ) -> Figure:
     """Draw one joint of several motions against time, with their waypoints and durations.
 
@@ -98,7 +98,7 @@ def _busiest(problem: Problem) -> int:
     return int(np.argmax(way / problem.limits.in_all_segments().velocity.max(axis=1)))
 
 
-def _said(problem: Problem, motions: Sequence[Motion]) -> str:
+def _said(problem: Problem, motions: Sequence[ShownMotion]) -> str:
     """Say how the motions compare."""
     durations = [motion.trajectory.duration for motion in motions]
     longest = int(np.argmax(durations))

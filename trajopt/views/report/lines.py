@@ -30,14 +30,14 @@ REASON_LENGTH = 500
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class NumberCell:
     """A number as text, and at full precision for sorting; None without a number."""
 
     text: str
     value: float | None = None
 
 
-def of_row(row: Any) -> dict[str, Cell]:
+def of_row(row: Any) -> dict[str, NumberCell]:
     """The cells of a row of `Results.summary()`."""
     values = row._asdict()
     values["solved"] = row.solved / row.runs
@@ -45,7 +45,7 @@ def of_row(row: Any) -> dict[str, Cell]:
     found = {}
     for name, text in table_cells.of_summary(row).items():
         ranked = text == table_cells.TO_ROUNDING or any(map(str.isdigit, text))
-        found[name] = Cell(text, values[name]) if ranked else Cell(table_cells.MISSING)
+        found[name] = NumberCell(text, values[name]) if ranked else NumberCell(table_cells.MISSING)
     return found
 
 

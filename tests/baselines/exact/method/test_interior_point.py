@@ -10,9 +10,7 @@ import pytest
 from baselines.exact.acceleration.cells import AccelerationTables
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.planner import Exact, Passing, starting_points
-from baselines.exact.jerk.cells import AccelerationInequalities as JerkRows
-from baselines.exact.jerk.cells import AccelerationTables as JerkCells
-from baselines.exact.jerk.cells import JerkUnknowns
+from baselines.exact.jerk.cells import JerkInequalities, JerkTables, JerkUnknowns
 from baselines.exact.method import interior_point
 from baselines.exact.method.scaled import Scaled
 from trajopt import Limits, Problem
@@ -89,15 +87,15 @@ def started(problem: Problem) -> AccelerationInequalities:
     return AccelerationInequalities(cells, cells.start(np.stack([times, 0.9 * times]), moved))
 
 
-def started_under_jerk(problem: Problem) -> JerkRows:
+def started_under_jerk(problem: Problem) -> JerkInequalities:
     """The program with jerk limits near two starts."""
     rng = np.random.default_rng(0)
     scaled = Scaled(problem)
     segments, joints = scaled.h.shape
     states = rng.uniform(-0.1, 0.1, (2, 2, segments - 1, joints))
     times = np.stack([1.5 * scaled.stop, 2 * scaled.stop])
-    cells = JerkCells(scaled, kinds=2)
-    return JerkRows(cells, cells.linked(times, *states))
+    cells = JerkTables(scaled, kinds=2)
+    return JerkInequalities(cells, cells.linked(times, *states))
 
 
 @pytest.mark.parametrize("start", [started, started_under_jerk])
@@ -142,15 +140,15 @@ def test_the_matrix_is_how_the_lagrangian_bends(segments: int) -> None:
     scaled = Scaled(drawn(segments, 3))
     times = scaled.stop * rng.uniform(1.5, 3.0, segments)
     states = rng.uniform(-0.1, 0.1, (2, 1, segments - 1, 3))
-    cells = JerkCells(scaled, kinds=2)
-    start = JerkRows(cells, cells.linked(times[None], *states))
+    cells = JerkTables(scaled, kinds=2)
+    start = JerkInequalities(cells, cells.linked(times[None], *states))
     multipliers = rng.uniform(0.1, 1.0, start.values.shape)
     with np.errstate(all="ignore"):
         (band,) = start.linear(multipliers, 0 * multipliers).chain.bands()
     line = rng.uniform(-1.0, 1.0, len(band))
     lagrangians = []
     for length in (-1e-4, 0.0, 1e-4):
-        rows = JerkRows(cells, along(start.point, cells, length * line))
+        rows = JerkInequalities(cells, along(start.point, cells, length * line))
         pressed = multipliers * rows.values
         lagrangians.append(rows.times.sum() - pressed.sum())
     before, here, after = lagrangians
@@ -158,7 +156,7 @@ def test_the_matrix_is_how_the_lagrangian_bends(segments: int) -> None:
     assert twice(band, line) == pytest.approx(difference, rel=1e-5)
 
 
-def along(point: JerkUnknowns, cells: JerkCells, step: np.ndarray) -> JerkUnknowns:
+def along(point: JerkUnknowns, cells: JerkTables, step: np.ndarray) -> JerkUnknowns:
     """The point after a step of the unknowns, every link met."""
     (log,) = point.log
     (acceleration,) = point.acceleration

@@ -9,7 +9,6 @@ import pytest
 from scipy.interpolate import CubicSpline, PPoly
 
 import trajopt
-from trajopt.benchmark.judgement import GivenMotion, as_executed, motion_of
 from trajopt.benchmark.store import trial_text
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.limits import Limits
@@ -18,6 +17,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.motion import motion
 from trajopt.formats.samples import Samples
+from trajopt.judgement import GivenMotion, as_executed, motion_of
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.verification import verify
 

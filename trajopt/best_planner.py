@@ -15,7 +15,7 @@ import numpy as np
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Record
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Trial, judge
+from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.explain.references import best_planners
@@ -68,7 +68,7 @@ def best(problem: Problem, seed: int) -> Best:
         except TrajoptError as error:
             reasons.append(str(error))
             continue
-        trial = judge(planner, problem, [seed], own_name)[0]
+        trial = trials_of(planner, problem, [seed], own_name)[0]
         trials.append(trial)
         ignores = bool(planner.unknown(problem))
         if relaxed is None:
