@@ -18,6 +18,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
+from trajopt.core.solution import Status
 from trajopt.explain.references import best_planners
 from trajopt.planners.registry import named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
@@ -34,6 +35,7 @@ class Best:
         stopping: Duration of the motion that stops at every waypoint, s; None where a limit counts
             that it does not know.
         record: The best known answer of the problem, or None.
+        left_out: Kinds of limits that the planner does not know, by their keys.
     """
 
     trial: Trial
@@ -41,6 +43,7 @@ class Best:
     proved: float
     stopping: float | None
     record: Record | None = None
+    left_out: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, float | None]:
         """For JSON, beside the trial: s."""
@@ -61,6 +64,7 @@ def best(problem: Problem, seed: int) -> Best:
     """
     relaxed: float | None = None
     trials: list[Trial] = []
+    left_out: list[tuple[str, ...]] = []
     reasons = []
     for name in best_planners(problem):
         try:
@@ -70,24 +74,29 @@ def best(problem: Problem, seed: int) -> Best:
             continue
         trial = trials_of(planner, problem, [seed], own_name)[0]
         trials.append(trial)
-        ignores = bool(planner.unknown(problem))
+        left_out.append(tuple(planner.unknown(problem)))
+        ignores = bool(left_out[-1])
         if relaxed is None:
             relaxed = trial.claimed_duration if ignores and not trial.feasible else None
-        if trial.certified_duration is not None and (trial.feasible or not ignores):
+        infeasible = trial.status is Status.INFEASIBLE
+        if infeasible or (trial.certified_duration and (trial.feasible or not ignores)):
             break
     if not trials:
         raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
-    trial = min(reversed(trials), key=lambda own: own.certified_duration or np.inf)
+    durations = [own.certified_duration or np.inf for own in trials]
+    # of equal ones the last, which may be a proof that there is none
+    chosen = len(trials) - 1 - int(np.argmin(durations[::-1]))
     proved = end_to_end_bound(problem)
     record = records.find(problem)
     if record is not None:
         proved = max(proved, record.lower_bound)
     return Best(
-        trial=trial,
+        trial=trials[chosen],
         relaxed=relaxed,
         proved=proved,
         stopping=None if problem.limits.others else float(stop_times(problem).sum()),
         record=record,
+        left_out=left_out[chosen],
     )
 
 

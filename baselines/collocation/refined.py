@@ -27,7 +27,7 @@ from baselines.exact.method.scaled import Scaled
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -43,15 +43,19 @@ _START_INTERVALS_JERK = 8
 _CELL_SECONDS = 0.004
 _CELL_SECONDS_JERK = 0.02
 _CELLS_POWER = 1.37
+# Kinds of limits that the motion to start from leaves out.
+POSITION_DEPENDENT = ("position", FallingVelocity.key)
 # Intervals of all joints and segments that only the first refinement may exceed.
 _MAX_INTERVALS = 3000
 # Starts that must lead to the best duration for the search to end.
 _AGREEING_STARTS = 2
 # Durations agree that differ by less, relative to the error asked for.
 _AGREEMENT_SHARE = 0.1
+# Further halvings where velocity limits fall: along a parabola the error falls by a fourth only.
+_MORE_REFINEMENTS = 2
 # Factor on the number of starts while all have failed.
 _MORE_STARTS = 4
-# Duration of a start, relative to the motion without position limits.
+# Least duration of a start, relative to the motion without limits that count positions.
 _SLOWER = 1.3
 
 
@@ -60,7 +64,7 @@ class CollocationRefined(Planner):
     """Collocation with free nodes, refined until its own error is below `error` (CasADi/IPOPT).
 
     `error` is the relative difference that halving every interval makes. There are at most
-    `refinements` halvings (fewer for large problems). More `starts` look for better local optima.
+    `refinements` halvings (fewer for large problems, two more where velocity limits fall). More `starts` look for better local optima.
     """
 
     error: float = 1e-4
@@ -69,7 +73,7 @@ class CollocationRefined(Planner):
 
     on_request = True
     requires = ("casadi",)
-    knows = LIMIT_NAMES
+    knows = (*LIMIT_NAMES, FallingVelocity.key)
 
     def __post_init__(self) -> None:
         if not 0 < self.error < np.inf:
@@ -146,7 +150,10 @@ class CollocationRefined(Planner):
         """Halve intervals until two durations agree; a failed refinement may be refined again."""
         levels = [incumbent]
         nodes = incumbent.nodes
-        while incumbent.duration < np.inf and len(levels) <= self.refinements:
+        most = self.refinements
+        if any(incumbent.grid.falling.limited):
+            most += _MORE_REFINEMENTS
+        while incumbent.duration < np.inf and len(levels) <= most:
             too_many = 2 * nodes.lengths.size > _MAX_INTERVALS
             if len(levels) > 1 and too_many:
                 break
@@ -199,7 +206,7 @@ def _solved(grid: CollocationGrid, start: Nodes) -> _Level:
 
 
 def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
-    """Yield the motion without position limits, stopping, the first one slower, random ones."""
+    """Yield `exact`'s motion, stopping, the first one slower, random ones."""
     relaxed = _relaxed(grid.problem)
     if relaxed:
         yield _placed(grid, relaxed)
@@ -209,8 +216,9 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
         times = np.diff(at) / grid.unit
         velocities = relaxed(at, order=1)
         inner = velocities[1:-1, grid.moving] * grid.unit / grid.scale
-        yield grid.cubics(_SLOWER * times, inner / _SLOWER)
-    scaled = Scaled(grid.problem.without("jerk", "position"))
+        factor = max(_SLOWER, grid.dilation(relaxed))
+        yield grid.cubics(factor * times, inner / factor)
+    scaled = Scaled(grid.problem.without("jerk", *POSITION_DEPENDENT))
     random = list(starting_points(scaled, count))[1:]
     # from the units of `exact` to the grid's
     speed = scaled.units[1] * grid.unit / grid.scale / _SLOWER
@@ -220,9 +228,9 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
 
 
 def _relaxed(problem: Problem) -> Trajectory | None:
-    """Return the optimum without position limits."""
+    """Return the optimum without position and falling velocity limits."""
     planner = ExactJerk(starts=2) if problem.has("jerk") else Exact(starts=4)
-    return planner.solve(problem.without("position")).trajectory
+    return planner.solve(problem.without(*POSITION_DEPENDENT)).trajectory
 
 
 def _placed(grid: CollocationGrid, trajectory: Trajectory) -> Nodes:

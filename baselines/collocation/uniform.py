@@ -21,12 +21,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baselines.collocation import falling
 from baselines.exact.jerk import one_sided
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -61,18 +62,20 @@ _SHORTEST_SHARE = 1e-3
 # Weight of the mean squared drift of free intervals from their start, in the objective. Where
 # several lengths give one motion, IPOPT would wander among them.
 _DRIFT_WEIGHT = 1e-4
-# Longest motion, relative to the time of stopping at every waypoint.
+# Longest motion, relative to the time of stopping at every waypoint, and how much slower that may be
+# where velocity limits fall.
 _LONGEST = 1.5
+_SLOWEST = 1e3
 
 
 @dataclass(frozen=True)
 class Collocation(Planner):
-    """Piecewise-constant acceleration or jerk (CasADi/IPOPT); the one with position limits."""
+    """Piecewise-constant acceleration or jerk (CasADi/IPOPT), under every kind of limit."""
 
     intervals: int = 20
 
     requires = ("casadi",)
-    knows = LIMIT_NAMES
+    knows = (*LIMIT_NAMES, FallingVelocity.key)
 
     def __post_init__(self) -> None:
         if self.intervals < 2:
@@ -163,15 +166,28 @@ class CollocationGrid:
         distances = np.abs(self.waypoints[:, None] - self.position)
         self.resting = distances.min(axis=1) <= _TOUCH_DISTANCE
         self.resting[[0, -1]] = True
+        self.falling = falling.of(problem, unit, scale, self.origin)
+        self.slower = 1.0
+        if any(self.falling.limited):
+            self.slower = max(1.0, self.dilation(self.trajectory(self.stopping())))
 
     @property
     def longest(self) -> float:
         """Longest total time."""
-        return float(_LONGEST * self.stop.sum())
+        return float(_LONGEST * self.slower * self.stop.sum())
+
+    def dilation(self, motion: Trajectory) -> float:
+        """Return the least dilation that keeps falling velocity limits, or the largest one tried.
+
+        0 without such limits.
+        """
+        own = self.problem.limits.kinds.get(FallingVelocity.key)
+        return 0.0 if own is None else min(own.worst(motion).value, _SLOWEST)
 
     def stopping(self) -> Nodes:
-        """Return IPOPT's start: stopping at every waypoint, in twice the stop times."""
-        return self.cubics(2 * self.stop, np.zeros_like(self.waypoints[1:-1]))
+        """Return IPOPT's start: stopping at every waypoint, in twice the stop times or more."""
+        times = 2 * self.slower * self.stop
+        return self.cubics(times, np.zeros_like(self.waypoints[1:-1]))
 
     def cubics(self, times: Array, velocities: Array) -> Nodes:
         """Return equal intervals of one cubic per segment.
@@ -233,6 +249,28 @@ class CollocationGrid:
             tables += [np.where(free, -np.inf, low), np.where(free, np.inf, high)]
         return tables
 
+    def velocity_bounds(self) -> list[Array]:
+        """Return the lowest and highest velocity of every interval, `(intervals, joints)` each.
+
+        A joint that only may leave the end of its range does not move towards it.
+        """
+        pieces = len(self.stop) * self.intervals
+        low, high = np.repeat(self.velocity[:, None], pieces, axis=1)
+        up, down = np.repeat(self.falling.leaving, self.intervals, axis=1)
+        return [np.where(down, 0.0, low), np.where(up, 0.0, high)]
+
+    def falling_bounds(self) -> list[Array]:
+        """Return the highest values of `falling.excess`, `(intervals, joints)` each.
+
+        Of both sides' first coefficients of an interval, then of both sides' others.
+        """
+        shape = (2, len(self.stop) * self.intervals, len(self.scale))
+        highest = np.zeros(shape)
+        highest[np.repeat(self.falling.leaving, self.intervals, axis=1)] = np.inf
+        first = highest.copy()
+        first[:, :: self.intervals][:, self.resting[:-1]] = np.inf
+        return [*first, *highest]
+
     def slopes(self, nodes: Nodes) -> tuple[Array, Array]:
         """Return the acceleration at the start of every interval, and the jerk in it."""
         slope = np.diff(nodes.v, axis=0) / nodes.lengths
@@ -292,7 +330,13 @@ class Transcription:
     """One NLP for all problems of one size; numbers and bounds are parameters."""
 
     def __init__(
-        self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool, free: bool
+        self,
+        segments: int,
+        intervals: int,
+        smooth: tuple[bool, ...],
+        boxed: bool,
+        falls: tuple[bool, ...],
+        free: bool,
     ) -> None:
         ca = backend("casadi")
         joints = len(smooth)
@@ -316,10 +360,13 @@ class Transcription:
         )
         equal = ca.vec(ca.repmat(x.times.T / intervals, intervals, 1))
         limits = {
-            "velocity": ca.MX.sym("velocity", 2, joints),
             "acceleration": ca.MX.sym("acceleration", 2, joints),
             "jerk": ca.MX.sym("jerk", 2, joints),
         }
+        self.falls = falls
+        self.velocities = [ca.MX.sym(f"velocity{i}", pieces, joints) for i in range(2)]
+        self.fallings = [ca.MX.sym(f"falling{i}", pieces, joints) for i in range(4)]
+        self.falling = ca.MX.sym("falling", 5, joints)
         positions = [ca.MX.sym(f"position{i}", pieces, joints) for i in range(4)]
         longest = ca.MX.sym("longest")
         start_lengths = ca.MX.sym("start", pieces, joints)
@@ -336,7 +383,15 @@ class Transcription:
             drift = intervals * (x.lengths - start_lengths)
             objective += _DRIFT_WEIGHT * ca.sumsqr(drift) / drift.numel()
 
-        parameters = [*limits.values(), *positions, longest, start_lengths]
+        parameters = [
+            *limits.values(),
+            *self.velocities,
+            *positions,
+            *self.fallings,
+            self.falling,
+            longest,
+            start_lengths,
+        ]
         expressions, lows, highs = zip(*constraints, strict=True)
         self.solver = program(
             "collocation",
@@ -404,28 +459,46 @@ class Transcription:
             constraints += [
                 (missing_v, zero, zero),
                 (missing_q, zero, zero),
-                (inner_v, limit("velocity", 0), limit("velocity", 1)),
+                (inner_v, *(bound[:, joint] for bound in self.velocities)),
             ]
+            velocity = [v0, inner_v, v1]
         else:
             # q1 = q0 + l (v0 + v1)/2
             missing_q = q1 - q0 - lengths * (v0 + v1) / 2
             inner_q = [q0 + lengths * v0 / 2]
             constraints.append((missing_q, zero, zero))
+            velocity = [v0, v1]
         # inner Bernstein coefficients of position, where positions are limited
         for own, low, high in zip(
             inner_q, position_bounds[::2], position_bounds[1::2], strict=False
         ):
             constraints.append((own, low[:, joint], high[:, joint]))
+        if self.falls[joint]:
+            constraints += self._falling(velocity, [q0, *inner_q, q1], joint)
+        return constraints
+
+    def _falling(self, velocity: list[Any], position: list[Any], joint: int) -> list[Constraints]:
+        """Return the constraints of one joint's falling velocity limit, towards both ends."""
+        numbers = [self.falling[i, joint] for i in range(5)]
+        lowest = -self.ca.DM.inf(self.nodes - 1)
+        constraints: list[Constraints] = []
+        for side in (0, 1):
+            first, *others = falling.excess(velocity, position, numbers, side)
+            constraints.append((first, lowest, self.fallings[side][:, joint]))
+            highest = self.fallings[2 + side][:, joint]
+            constraints += [(own, lowest, highest) for own in others]
         return constraints
 
     def __call__(self, grid: CollocationGrid, start: Nodes) -> CollocationOptimum:
         """Return the local optimum that IPOPT finds from `start`."""
         low, high = self._bounds(grid)
         parameters = [
-            grid.velocity,
             grid.acceleration,
             grid.jerk,
+            *grid.velocity_bounds(),
             *grid.position_bounds(),
+            *grid.falling_bounds(),
+            grid.falling.numbers,
             np.array([grid.longest]),
             start.lengths,
         ]
@@ -465,6 +538,10 @@ class Transcription:
             every_node = (self.nodes, 1)
             q = np.tile(grid.position[side], every_node)
             v = np.tile(grid.velocity[side], every_node)
+            of_interval = grid.velocity_bounds()[side]
+            tighter = np.minimum if side else np.maximum
+            v[:-1] = tighter(v[:-1], of_interval)
+            v[1:] = tighter(v[1:], of_interval)
             a = np.tile(grid.acceleration[side], every_node)
             q[:: self.intervals] = grid.waypoints
             v[:: self.intervals][grid.resting] = 0.0
@@ -477,7 +554,8 @@ class Transcription:
 
 def transcription(grid: CollocationGrid, *, free: bool = False) -> Transcription:
     """Return the NLP of a grid, built once for its size; `free`: with free nodes."""
-    return _built(grid.problem.segments, grid.intervals, grid.smooth, grid.boxed, free)
+    size = (grid.problem.segments, grid.intervals)
+    return _built(*size, grid.smooth, grid.boxed, grid.falling.limited, free)
 
 
 _built = lru_cache(maxsize=32)(Transcription)

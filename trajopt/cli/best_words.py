@@ -29,19 +29,21 @@ def sentences(found: Best) -> Iterator[str]:
     duration = found.trial.certified_duration
     if duration is None:
         return
-    said = [_planner(found.trial), _quality(found, duration), _saving(found, duration)]
+    said = [_planner(found), _quality(found, duration), _saving(found, duration)]
     yield " ".join(filter(None, said))
     if not problem.has("jerk"):
         yield f"A real controller wants jerk limits too: {ADD_JERK_LIMITS}"
 
 
-def _planner(trial: Trial) -> str:
+def _planner(found: Best) -> str:
     """Describe the planner."""
+    trial = found.trial
     name = trial.planner
-    others = [own.name() for own in trial.problem.limits.others.values()]
+    others = [key for key in found.left_out if key in trial.problem.limits.others]
     if others:
+        kinds = " and ".join(KINDS[key].name() for key in others)
         mended = "which keeps them" if trial.feasible else f"{trial.dilation:.6g} times slower"
-        return f"No planner knows {' and '.join(others)} limits: this is {name}'s answer, {mended}."
+        return f"{name} does not know {kinds} limits: this is its answer, {mended}."
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."
     kinds = [KINDS[key].name() for key in trial.problem.limits.kinds]

@@ -42,6 +42,8 @@ def certify(
     proof = planner.solve(loaded)
     if proof.status is Status.UNSUPPORTED:
         raise TrajoptError(proof.message)
+    if proof.status is Status.INFEASIBLE:
+        return _infeasible(loaded.name, asked.file(problem), family, proof.message, as_json=json)
     table = {
         "problem": loaded.name,
         "problem_file": asked.file(problem),
@@ -63,6 +65,17 @@ def certify(
         console.print_json(table)
     else:
         _print(table, proof.message)
+    return 0
+
+
+def _infeasible(name: str, file: str | None, family: str, reason: str, *, as_json: bool) -> int:
+    """Print that no motion keeps the limits, and why."""
+    if as_json:
+        table = {"problem": name, "problem_file": file, "family": family}
+        console.print_json(table | {"status": str(Status.INFEASIBLE), "message": reason})
+    else:
+        console.headline("", f"{name}, {family}: ", str(Status.INFEASIBLE))
+        console.paragraph(f"  {reason}")
     return 0
 
 

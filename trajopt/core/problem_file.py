@@ -26,6 +26,8 @@ unit of the limits where it is a rate, else in that of the waypoints:
     start_velocity = [0.5, 0]            # optional: one number per joint; also end_velocity, and
                                          # with jerk limits start_acceleration, end_acceleration
 
+In place of a limit, `true` is the robot's own, which must have one, and `false` none.
+
 A known robot has its limits and joint names in its own file (`arm_file`). Limits in the problem
 file replace the robot's of the same kind, and joint names choose from the robot's joints:
 
@@ -135,6 +137,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         numbered = enumerate(names)
         chosen = [_index(arm, joint, name) for joint, name in numbered]
         of_robot = dict(arm.limits.only(chosen).kinds)
+    given = _without_words(given, of_robot, arm)
     # Before scaling: errors show what the file says.
     written = Limits(**(of_robot | dict(given)))
     if written.joints != len(kinds):
@@ -173,6 +176,20 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
             message = f"{path}: {mixed}; say units.waypoints and units.limits"
             warnings.warn(UnitWarning(message), stacklevel=4)
     return problem
+
+
+def _without_words(
+    given: Mapping[str, Any], of_robot: dict[str, Limit], arm: Arm | None
+) -> dict[str, Any]:
+    """Return the limits that the file states; `true` is the robot's own, `false` removes it."""
+    stated = {key: value for key, value in given.items() if not isinstance(value, bool)}
+    for key in given.keys() - stated.keys():
+        if given[key] and key not in of_robot:
+            robot = f"of the robot, but {arm.name} has none" if arm else "beside a robot"
+            raise InvalidInput(f"limits.{key}", f"a limit; true is the one {robot}", value=True)
+        if not given[key]:
+            of_robot.pop(key, None)
+    return stated
 
 
 def _arm(table: Mapping[str, Any]) -> Arm | None:

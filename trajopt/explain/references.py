@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trajopt.core.exceptions import InvalidInput, TrajoptError
-from trajopt.core.limits import KINDS
+from trajopt.core.limits import KINDS, FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
@@ -70,7 +70,7 @@ def references(problem: Problem) -> list[str]:
     names = [OPTIMUM]
     if problem.has("jerk"):
         names.append(OPTIMUM_WITH_JERK)
-    if problem.has("position"):
+    if _has_position_dependent(problem):
         names.append(OPTIMUM_WITH_POSITION)
     return names
 
@@ -84,9 +84,14 @@ def best_planners(problem: Problem) -> list[str]:
     names = [OPTIMUM]
     if problem.has("jerk"):
         names = [OPTIMUM_WITH_JERK]
-    if problem.has("position"):
+    if _has_position_dependent(problem):
         names.append(OPTIMUM_WITH_POSITION)
     return [*names, THROUGH_WAYPOINTS]
+
+
+def _has_position_dependent(problem: Problem) -> bool:
+    """Return whether a limit counts positions, which the exact planners leave out."""
+    return any(map(problem.has, ("position", FallingVelocity.key)))
 
 
 class ReferenceAnswer(NamedTuple):

@@ -65,7 +65,8 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     def checked(self: Planner, problem: Problem, *seeds: Sequence[int], **keywords: int) -> Any:
         check_problem(problem)
         reason = self.unsupported(problem)
-        if reason is None:
+        refusal = None if reason else self._infeasible(problem)
+        if reason is None and refusal is None:
             shown, said = self._shown(problem)
             answer = solve(self, shown, *seeds, **keywords)
             if not said:
@@ -74,7 +75,7 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
             if solve.__name__ == "solve_batch":
                 return [_saying(said, own, relaxed=relaxed) for own in answer]
             return _saying(said, answer, relaxed=relaxed)
-        refusal = Solution(Status.UNSUPPORTED, message=reason)
+        refusal = refusal or Solution(Status.UNSUPPORTED, message=reason or "")
         if solve.__name__ == "solve_batch":
             return [refusal for _ in seeds[0]]
         return refusal
@@ -179,6 +180,12 @@ class Planner(ABC):
         if self.drops or not refused:
             return None
         return f"it does not know {' and '.join(refused)} limits"
+
+    def _infeasible(self, problem: Problem) -> Solution | None:
+        """Return the answer to a problem that a limit which the planner knows makes impossible."""
+        known = (own for key, own in problem.limits.kinds.items() if key in self.knows)
+        reason = next(filter(None, (own.infeasible(problem) for own in known)), None)
+        return None if reason is None else Solution(Status.INFEASIBLE, message=reason)
 
     def unknown(self, problem: Problem) -> list[str]:
         """Return the kinds of the problem's limits that it does not plan for, by their keys."""

@@ -16,7 +16,7 @@ from trajopt.benchmark.trial import Configuration, Entrant
 from trajopt.core import exceptions
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.planners import registry
 from trajopt.planners.planner import Planner, Relation
@@ -96,7 +96,7 @@ class Profile:
             batched=table["batched"] is True,
             on_request=table["on_request"] is True,
             description=_line(table["description"]),
-            knows=[name for name in LIMIT_NAMES if name in table["knows"]],
+            knows=[key for key in KINDS if key in table["knows"]],
             demands=[key for key in DEMANDS if key in table["knows"]],
             missing=missing if missing is None else str(missing),
             refusals={digest: own and str(own) for digest, own in table["refusals"].items()},

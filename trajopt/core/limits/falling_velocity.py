@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 RESTING_RTOL = 1e-9
 """A velocity below this share of the highest that the limit allows anywhere counts as rest."""
 
+BLOCKED_RTOL = 1e-6
+"""A waypoint is proved to be out of reach from this share of the range beyond the last place
+where a joint may move towards its end. Nearer ones could be reached at the velocity that counts as
+rest, in some minutes."""
+
 _COLUMNS = ("offset", "deceleration", "position")
 _MAX_CUTS = 50  # each is a Newton step: four or five are enough
 _CUT_RTOL = 1e-14
@@ -132,6 +137,39 @@ class FallingVelocity(Limit):
             return best
         found = _cut(sides.of(promising), promising, best.value, motion)
         return found if found.value > best.value else best
+
+    def slack(self, waypoints: Array) -> Array:
+        """Return how far waypoints are from where no motion towards the end is allowed, rad.
+
+        From the upper and from the lower end of each joint's range, `(2, waypoints, joints)`; below
+        0 in the last `o² / (2 d)` before the end, NaN for a joint without the limit.
+        """
+        offset, deceleration, low, high = self.rows.T
+        blocked = offset**2 / (2 * deceleration)
+        return np.stack([high - blocked - waypoints, waypoints - low - blocked])
+
+    def infeasible(self, problem: Problem) -> str | None:
+        """A joint that comes from farther never reaches a waypoint in the last `o² / (2 d)`.
+
+        One that starts there may leave.
+        """
+        slack = self.slack(problem.waypoints)
+        farthest = np.maximum.accumulate(slack, axis=1)
+        way = np.minimum(farthest, 0.0) - slack  # towards the end, where that is not allowed
+        low, high = self.rows[:, 2:].T
+        found = np.argwhere(way > BLOCKED_RTOL * (high - low))
+        if not len(found):
+            return None
+        side, waypoint, joint = found[np.argmin(found[:, 1])].tolist()
+        offset, deceleration, *ends = self.rows[joint].tolist()
+        unit = problem.unit(joint)
+        blocked = offset**2 / (2 * deceleration)
+        return (
+            f"waypoint {waypoint + 1} of {problem.joint_labels[joint]}, "
+            f"{problem.waypoints[waypoint, joint]:.6g} {unit}, is out of reach: its falling velocity "
+            f"limit allows no motion towards {ends[1 - side]:.6g} {unit} in the last {blocked:.3g} "
+            f"{unit} before it"
+        )
 
     def flaw(self, use: Use, tolerated: Array, problem: Problem) -> str | None:
         if use.value < np.inf:

@@ -165,6 +165,13 @@ class Limit(ABC):
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
         """The use of each bounded joint, or of None, at times `(m,)`, s, for figures."""
 
+    def infeasible(self, problem: Problem) -> str | None:
+        """Return why no motion through the waypoints keeps the limit; None where that is not known.
+
+        A reason must be a proof: planners that know the limit then answer `infeasible`.
+        """
+        return None
+
     # --- words ---
 
     @classmethod
