@@ -10,6 +10,7 @@ is no polynomial of time: the error falls with the square of the intervals' leng
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import comb
 from typing import Any, NamedTuple
 
@@ -112,6 +113,6 @@ def _elevated(coefficients: list[Any]) -> list[Any]:
     degree = len(coefficients)
     inner = [
         (k * before + (degree - k) * after) / degree
-        for k, (before, after) in enumerate(zip(coefficients, coefficients[1:], strict=False), 1)
+        for k, (before, after) in enumerate(pairwise(coefficients), 1)
     ]
     return [coefficients[0], *inner, coefficients[-1]]

@@ -64,7 +64,8 @@ class CollocationRefined(Planner):
     """Collocation with free nodes, refined until its own error is below `error` (CasADi/IPOPT).
 
     `error` is the relative difference that halving every interval makes. There are at most
-    `refinements` halvings (fewer for large problems, two more where velocity limits fall). More `starts` look for better local optima.
+    `refinements` halvings (fewer for large problems, two more where velocity limits fall). More
+    `starts` look for better local optima.
     """
 
     error: float = 1e-4

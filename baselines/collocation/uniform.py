@@ -62,8 +62,8 @@ _SHORTEST_SHARE = 1e-3
 # Weight of the mean squared drift of free intervals from their start, in the objective. Where
 # several lengths give one motion, IPOPT would wander among them.
 _DRIFT_WEIGHT = 1e-4
-# Longest motion, relative to the time of stopping at every waypoint, and how much slower that may be
-# where velocity limits fall.
+# Longest motion, relative to the time of stopping at every waypoint; and how much slower stopping
+# may be where velocity limits fall.
 _LONGEST = 1.5
 _SLOWEST = 1e3
 

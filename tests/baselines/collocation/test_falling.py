@@ -15,8 +15,8 @@ from trajopt import Limits, Problem, Status, verify
 from trajopt.benchmark.best_planner import best
 
 # Joint 1 of the Franka FR3: nothing is allowed in the last 7.5 mrad.
-V, A, O, D, END = 2.62, 10.0, 0.3, 6.0, 2.7501
-FALLING = {"offset": [O], "deceleration": [D], "position": [[-END, END]]}
+V, A, OFFSET, DEC, END = 2.62, 10.0, 0.3, 6.0, 2.7501
+FALLING = {"offset": [OFFSET], "deceleration": [DEC], "position": [[-END, END]]}
 ERROR = 1e-4
 
 
@@ -29,12 +29,12 @@ def to_rest_near_the_end(goal: float) -> float:
     """Return the least time from rest at 0 to rest near the end, s.
 
     Full acceleration, full velocity, the parabola, full braking. On the parabola
-    `dv/dt = -D v / (v + O)`, and `w = (v + O)² / (2 D)`.
+    `dv/dt = -DEC v / (v + OFFSET)`, and `w = (v + OFFSET)² / (2 DEC)`.
     """
     near = END - goal
-    last = brentq(lambda v: (v + O) ** 2 / (2 * D) - v**2 / (2 * A) - near, 1e-9, V)
-    arc = (V - last) / D + O / D * np.log(V / last)
-    cruise = (END - (V + O) ** 2 / (2 * D) - V**2 / (2 * A)) / V
+    last = brentq(lambda v: (v + OFFSET) ** 2 / (2 * DEC) - v**2 / (2 * A) - near, 1e-9, V)
+    arc = (V - last) / DEC + OFFSET / DEC * np.log(V / last)
+    cruise = (END - (V + OFFSET) ** 2 / (2 * DEC) - V**2 / (2 * A)) / V
     return float(V / A + cruise + arc + last / A)
 
 

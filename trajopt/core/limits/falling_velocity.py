@@ -164,11 +164,11 @@ class FallingVelocity(Limit):
         offset, deceleration, *ends = self.rows[joint].tolist()
         unit = problem.unit(joint)
         blocked = offset**2 / (2 * deceleration)
+        place = f"waypoint {waypoint + 1} of {problem.joint_labels[joint]}"
+        at = f"{problem.waypoints[waypoint, joint]:.6g} {unit}"
         return (
-            f"waypoint {waypoint + 1} of {problem.joint_labels[joint]}, "
-            f"{problem.waypoints[waypoint, joint]:.6g} {unit}, is out of reach: its falling velocity "
-            f"limit allows no motion towards {ends[1 - side]:.6g} {unit} in the last {blocked:.3g} "
-            f"{unit} before it"
+            f"{place}, {at}, is out of reach: its falling velocity limit allows no motion towards "
+            f"{ends[1 - side]:.6g} {unit} in the last {blocked:.3g} {unit} before it"
         )
 
     def flaw(self, use: Use, tolerated: Array, problem: Problem) -> str | None:
