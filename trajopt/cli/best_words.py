@@ -41,9 +41,9 @@ def _planner(found: Best) -> str:
     name = trial.planner
     others = [key for key in found.left_out if key in trial.problem.limits.others]
     if others:
-        kinds = " and ".join(KINDS[key].name() for key in others)
+        ignored = " and ".join(KINDS[key].name() for key in others)
         mended = "which keeps them" if trial.feasible else f"{trial.dilation:.6g} times slower"
-        return f"{name} does not know {kinds} limits: this is its answer, {mended}."
+        return f"{name} does not know {ignored} limits: this is its answer, {mended}."
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."
     kinds = [KINDS[key].name() for key in trial.problem.limits.kinds]

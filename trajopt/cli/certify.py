@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from math import isfinite, nan
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from trajopt.cli import asked, console
@@ -68,7 +69,7 @@ def certify(
     return 0
 
 
-def _infeasible(name: str, file: str | None, family: str, reason: str, *, as_json: bool) -> int:
+def _infeasible(name: str, file: Path | None, family: str, reason: str, *, as_json: bool) -> int:
     """Print that no motion keeps the limits, and why."""
     if as_json:
         table = {"problem": name, "problem_file": file, "family": family}
