@@ -12,7 +12,7 @@ from baselines.collocation.refined import CollocationRefined
 from baselines.collocation.uniform import Collocation
 from baselines.exact.acceleration.planner import Exact
 from trajopt import Limits, Problem, Status, verify
-from trajopt.benchmark.best_planner import best
+from trajopt.best_planner import best
 
 # Joint 1 of the Franka FR3: nothing is allowed in the last 7.5 mrad.
 V, A, OFFSET, DEC, END = 2.62, 10.0, 0.3, 6.0, 2.7501
