@@ -7,7 +7,7 @@
     python -m experiments.arena --quick
 
 Each searches the three segment times of the 3-5-3 with Deb's rule in the same box, at equal
-budgets; the shortest 3-5-3 of each problem is proved to 1e-6 (`certify`). An optimiser has its
+budgets; the shortest 3-5-3 of each problem is proved to 1e-6 (`prove`). An optimiser has its
 library's own defaults, and a population of 30 where it has one. A run that needs more than 20 s of
 CPU time, raises or hangs is a failure, and counts as a run that reached no target. What was run is
 kept in `--output`; the same command goes on where it was interrupted, also with more seeds.

@@ -22,7 +22,7 @@ import pandas as pd
 
 from experiments.common.output import save_table, say
 
-MAIN_JOB = ("compare", "six-axis", "--certify")
+MAIN_JOB = ("compare", "six-axis", "--prove")
 
 
 def measured(command: str, folder: Path, seeds: int) -> dict[str, float]:

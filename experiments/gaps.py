@@ -4,7 +4,7 @@
     python -m experiments.gaps --quick               # six-axis alone
 
 It runs every registered planner with its default options on every problem of a suite; but not
-`certify`, which answers with another planner's motion, `smooth`, which is told a duration, and the
+`prove`, which answers with another planner's motion, `smooth`, which is told a duration, and the
 libraries of optimisers, whose experiment is the arena. Planners that search at random run with
 `SEEDS` seeds. A gap is to the problem's best known motion. Where the planners of a suite do not
 support the same problems, a second column pairs them: the gap of one planner that supports most
@@ -28,7 +28,7 @@ from trajopt.cli import console
 from trajopt.planners.registry import entries
 
 SEEDS = 3
-OTHERS = ("certify", "smooth", "mealpy", "pymoo", "nevergrad")
+OTHERS = ("prove", "smooth", "mealpy", "pymoo", "nevergrad")
 TIMEOUT = 120.0  # s, of a trial
 PERCENT = 100
 

@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from baselines.exact.jerk import ExactJerk
-from baselines.lower_bound.bound import certify
+from baselines.lower_bound.bound import prove
 from baselines.ruckig_ import RuckigStop
 from experiments.common.brief_pieces import brief, needless
 from experiments.common.kept import Rows, kept
@@ -120,7 +120,7 @@ def bound(problem: Problem) -> float:
     """A proved lower bound, s: of the problem, or of its first joint."""
     bounds = []
     for relaxed in (problem, alone(problem)):
-        proof = certify(relaxed, within=PROOF_GAP, time_limit=PROOF_S)
+        proof = prove(relaxed, within=PROOF_GAP, time_limit=PROOF_S)
         bounds.append(proof.lower_bound)
         if proof.status == "proved":
             break

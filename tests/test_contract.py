@@ -94,7 +94,7 @@ def test_nothing_beats_the_exact_optimum(name: str, problem: str) -> None:
 @pytest.mark.parametrize("problem", problem_files())
 @pytest.mark.parametrize("name", INSTALLED)
 def test_only_what_cannot_be_helped_is_invalid(name: str, problem: str) -> None:
-    """A planner may leave position limits that it does not know; `certify:joint` has no motion."""
+    """A planner may leave position limits that it does not know; `prove:joint` has no motion."""
     t = trial(name, problem)
     if t.status is Status.INVALID:
         assert t.problem.has("position") or t.solution.trajectory is None

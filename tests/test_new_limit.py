@@ -270,7 +270,7 @@ def test_planners_that_do_not_know_it_refuse_it(problem, name):
 
 
 def test_a_bound_says_that_it_was_left_out(problem):
-    planner = entries()["certify"].load()
+    planner = entries()["prove"].load()
     found = planner.solve(problem)
     assert found.message.endswith("speed sum limits are left out")
     # each joint by itself: 1 rad at 1 rad/s and 2 rad/s²

@@ -1,13 +1,13 @@
 """Proved lower bounds on the minimum time (docs/mathematics.md, sections 5 and 5b).
 
-    from baselines.lower_bound.bound import certify
-    bound = certify(problem)
+    from baselines.lower_bound.bound import prove
+    bound = prove(problem)
     print(bound.lower_bound, bound.upper_bound, bound.status)
 
 In reading order:
 
-- `certify.py`: the registered planner `certify`;
-- `bound.py`: the function `certify`, for both questions;
+- `planner.py`: the registered planner `prove`;
+- `bound.py`: the function `prove`, for both questions;
 - `incumbent.py`: the best trajectory of the references.
 
 The bound on every trajectory, under every kind of limit:

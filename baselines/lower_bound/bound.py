@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from baselines.lower_bound import ratio_boxes
-from baselines.lower_bound.branching import prove
+from baselines.lower_bound.branching import branch_and_bound
 from baselines.lower_bound.dual_check import BoundProof
 from baselines.lower_bound.incumbent import Incumbent, incumbent, kept
 from baselines.lower_bound.ratio_boxes import RatioProof
@@ -69,7 +69,7 @@ class Bound:
     disagreement: float | None = None
 
 
-def certify(
+def prove(
     problem: Problem, family: Family = "free", *, within: float = 1e-4, time_limit: float = 60.0
 ) -> Bound:
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
@@ -115,7 +115,7 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
         known = best.duration
         passed = best.trajectory.waypoint_times[~spared(problem)]
         motion = replace(best.trajectory, waypoint_times=passed)
-    outcome = prove(relaxation, known / (1 + within), within, deadline, motion)
+    outcome = branch_and_bound(relaxation, known / (1 + within), within, deadline, motion)
     late = time.perf_counter() > deadline
     word = "time limit" if late else "stopped: no progress"
     return _bound(outcome.lower_bound, best, within, word, outcome.proof)
@@ -128,7 +128,7 @@ def _spline353(problem: Problem, within: float, deadline: float) -> Bound:
     reason = spline353.infeasible(problem)
     if reason is not None:
         return Bound(np.inf, np.inf, 0.0, "infeasible", None, reason)
-    times, proof = ratio_boxes.prove(problem, within, deadline)
+    times, proof = ratio_boxes.best_spline(problem, within, deadline)
     best = kept(problem, spline353.trajectory(problem, times))
     if proof is None:
         return _bound(end_to_end_bound(problem), best, within, "stopped: no progress", None)

@@ -97,7 +97,7 @@ class ProvedBound(NamedTuple):
     programs: int
 
 
-def prove(
+def branch_and_bound(
     problem: Problem, target: float, gap: float, deadline: float, motion: Trajectory | None = None
 ) -> ProvedBound:
     """Prove that no motion is shorter than the target, or as much of it as there is time for.
@@ -129,7 +129,7 @@ def prove(
         if motion is None:
             raise
         # HiGHS has broken down on the motion's rows
-        return prove(problem, target, gap, deadline)
+        return branch_and_bound(problem, target, gap, deadline)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
     return ProvedBound(lower_bound, proof, search.splits, search.pool.programs)

@@ -90,7 +90,7 @@ class ProvedSpline(NamedTuple):
     proof: RatioProof | None
 
 
-def prove(problem: Problem, within: float, deadline: float) -> ProvedSpline:
+def best_spline(problem: Problem, within: float, deadline: float) -> ProvedSpline:
     """Search until no spline is shorter than the best one known by more than a given share.
 
     Args:

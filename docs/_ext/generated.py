@@ -34,9 +34,7 @@ from matplotlib import pyplot as plt
 
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
-COMMANDS = (
-    "compare plan judge verify certify explain best-known claims suite report export list new"
-)
+COMMANDS = "compare plan judge verify prove explain best-known claims suite report export list new"
 
 
 def write(path: Path, text: str) -> None:

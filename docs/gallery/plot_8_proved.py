@@ -2,7 +2,7 @@
 8. Prove it
 ===========
 
-A best known motion may be a local optimum. ``certify`` proves a lower bound: no motion is
+A best known motion may be a local optimum. ``prove`` proves a lower bound: no motion is
 shorter. The proof is stored, and checked without a solver.
 """
 
@@ -14,7 +14,7 @@ from trajopt.planners.registry import load
 names = ["one-joint", "tiny", "repeated", "six-axis"]
 rows = []
 for name in names:
-    solution = load("certify").solve(catalogue.load(name))
+    solution = load("prove").solve(catalogue.load(name))
     best, bound = solution.trajectory.duration, solution.lower_bound
     rows.append(100 * (best / bound - 1))
     print(f"{name:10s} best {best:.6f} s, no motion is shorter than {bound:.6f} s")

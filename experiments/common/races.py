@@ -26,7 +26,7 @@ from trajopt.views.analysis import pairwise, searches, statistics
 
 TARGETS = {"1 %": 1e-2, "0.1 %": 1e-3, "0.01 %": 1e-4}
 FIRST = "six-axis"
-PROOF = "certify:family=spline353,within=1e-6,time_limit=20"
+PROOF = "prove:family=spline353,within=1e-6,time_limit=20"
 JOBS = 2
 ROUNDING_RTOL = 1e-9  # of a certified duration
 

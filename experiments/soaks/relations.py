@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from baselines.lower_bound.bound import certify
+from baselines.lower_bound.bound import prove
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from experiments.common.kept import Rows, apart, kept
@@ -193,7 +193,7 @@ def free(problem: Problem, able: list[str], seed: int) -> Checks:
         _, shorter = certified(problem, again.trajectory)
         yield f"TOPP-RA along {name} <= {name}", above(shorter, own), GRID
     if seed % 10 == 0:
-        bound = certify(problem, time_limit=5.0)
+        bound = prove(problem, time_limit=5.0)
         yield "proved bound <= exact", above(bound.lower_bound, exact), THEOREM
 
 
@@ -210,7 +210,7 @@ def dense(problem: Problem, optimum: str, seed: int) -> Checks:
     yield f"judge: {optimum}'s motion, waypoints added", abs(above(again, own)), THEOREM
     yield f"{optimum}: waypoints added", abs(above(duration(optimum, denser), own)), THEOREM
     if seed % 10 == 3:
-        bound = certify(denser, time_limit=5.0)
+        bound = prove(denser, time_limit=5.0)
         yield "proved bound, waypoints added <= optimum", above(bound.lower_bound, own), THEOREM
 
 

@@ -40,7 +40,7 @@ def test_ruckig_alone_stops_at_every_waypoint() -> None:
 
 
 def test_a_proof_holds_the_optimum_from_below() -> None:
-    bound = load("certify").solve(PROBLEM).lower_bound
+    bound = load("prove").solve(PROBLEM).lower_bound
     assert bound is not None
     assert OPTIMUM * (1 - 1e-3) < bound <= OPTIMUM
 

@@ -21,7 +21,7 @@ from trajopt.planners.registry import load
 from trajopt.planners.testing import check_planner
 
 SIX_AXIS = trajopt.problem("six-axis")
-# `certify --family spline353` proves that no 3-5-3 of six-axis is faster.
+# `prove --family spline353` proves that no 3-5-3 of six-axis is faster.
 BEST_353 = 4.310377
 NAMES = {
     "mealpy": ["OriginalGWO", "OriginalSHADE", "OriginalPSO", "Simple_CMA_ES"],

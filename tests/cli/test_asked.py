@@ -83,7 +83,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("waypoints", ["w.csv", "w.json", "w.npy"])
-@pytest.mark.parametrize("command", ["certify {}", "explain {} --planner ruckig-stop"])
+@pytest.mark.parametrize("command", ["prove {}", "explain {} --planner ruckig-stop"])
 def test_waypoints_with_a_urdf_and_limits(run, command, waypoints):
     """One joint from rest to rest over 1 rad at 1 rad/s and 2 rad/s² takes 1/1 + 1/2 s."""
     if waypoints == "w.npy":
@@ -91,7 +91,7 @@ def test_waypoints_with_a_urdf_and_limits(run, command, waypoints):
     code, out, _ = run(f"{command.format(waypoints)} {ROBOT} --json")
     found = json.loads(out)
     assert code == 0
-    known = found["lower_bound"] if "certify" in command else found["certified_duration"]
+    known = found["lower_bound"] if "prove" in command else found["certified_duration"]
     assert known == pytest.approx(1.5, rel=1e-4)
 
 
@@ -108,10 +108,10 @@ def test_compare_reads_waypoints_beside_names(run):
 def test_scaling_factors_count_in_every_command_that_plans(run):
     """At half the velocity and half the acceleration: 1/0.5 + 0.5/1."""
     Path("limits.yaml").write_text(FACTORS + LIMITS, encoding="utf-8")
-    for command in ("plan", "certify", "explain --planner ruckig-stop"):
+    for command in ("plan", "prove", "explain --planner ruckig-stop"):
         _, out, err = run(f"{command} w.csv {ROBOT} --json")
         found = json.loads(out)
-        known = found["upper_bound"] if command == "certify" else found["certified_duration"]
+        known = found["upper_bound"] if command == "prove" else found["certified_duration"]
         assert known == pytest.approx(2.5, rel=1e-4), command
         assert err.count("planned with 50 % of the velocity and 50 %") == 1
     _, _, err = run(f"new scaled.toml w.csv {ROBOT}")
@@ -184,7 +184,7 @@ RESULTS = "expected results: a folder that `trajopt compare` has filled, or its 
 # Each command with a file, what it expects, and the files that are not wrong there.
 COMMANDS = {
     "plan {}": (PROBLEMS, {"cell.toml"}),
-    "certify {}": (PROBLEMS, {"cell.toml"}),
+    "prove {}": (PROBLEMS, {"cell.toml"}),
     "explain {} --planner exact": (PROBLEMS, {"cell.toml"}),
     "compare {}": (PROBLEMS, {"cell.toml"}),
     "judge motion.csv {}": (PROBLEMS, {"cell.toml"}),

@@ -381,7 +381,7 @@ acceleration = [1, 1]
         ("compare six-axis --timeout 0.5", "--timeout; 0.5"),
         ("compare six-axis --memory inf", "--memory; inf"),
         ("compare six-axis --memory 0.1", "--memory; 0.1"),
-        ("certify six-axis --time-limit nan", "--time-limit; nan"),
+        ("prove six-axis --time-limit nan", "--time-limit; nan"),
         ("suite show random --size 2.5", "--size; 2.5"),
         ("suite show random --size 100000000000000000000", "--size; 100000000000000000000"),
         ("report empty --trajectories -1", "--trajectories; -1"),
@@ -668,11 +668,11 @@ def test_all_planners_are_registered():
     assert set(entries()) >= NAMES
 
 
-# --- certify ---
+# --- prove ---
 
 
-def test_certify_proves_the_known_optimum(trajopt):
-    code, out, err = trajopt("certify one-joint --json")
+def test_prove_proves_the_known_optimum(trajopt):
+    code, out, err = trajopt("prove one-joint --json")
     bound = json.loads(out)
     assert (code, err) == (0, "")
     assert bound["status"] == "proved"
@@ -680,8 +680,8 @@ def test_certify_proves_the_known_optimum(trajopt):
     assert bound["proved_within"] <= 1e-4
 
 
-def test_certify_counts_jerk_limits(trajopt):
-    code, out, _ = trajopt("certify jerk-limit --within 0.01 --json")
+def test_prove_counts_jerk_limits(trajopt):
+    code, out, _ = trajopt("prove jerk-limit --within 0.01 --json")
     bound = json.loads(out)
     without = load("exact").solve(suite.load("jerk-limit").without("jerk")).trajectory
     assert (code, bound["status"]) == (0, "proved")
@@ -696,11 +696,26 @@ def test_certify_counts_jerk_limits(trajopt):
         ("six-axis --family best", "spline353"),
     ],
 )
-def test_certify_of_bad_input_exits_2(trajopt, arguments, word):
-    code, out, err = trajopt("certify", arguments)
+def test_prove_of_bad_input_exits_2(trajopt, arguments, word):
+    code, out, err = trajopt("prove", arguments)
     assert (code, out) == (2, "")
     assert re.fullmatch(r"trajopt: [^\n]+\n", err)
     assert word in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("certify six-axis", "the command certify is now called prove"),
+        ("compare six-axis --certify", "the option --certify is now called --prove"),
+        (
+            "plan six-axis --planner certify",
+            "no planner is called 'certify'; it is now called 'prove'",
+        ),
+    ],
+)
+def test_an_old_name_gets_the_new_one_in_one_line(trajopt, arguments, words):
+    assert trajopt(arguments) == (2, "", f"trajopt: {words}\n")
 
 
 def started(words, folder):

@@ -232,7 +232,7 @@ def test_markup_and_tables_show_names_as_they_are():
     [
         ["plan", "--planner", "unoptimised"],
         ["plan", "--planner", "pso:timing=\x1b[31m"],
-        ["certify", "--time-limit", "10"],
+        ["prove", "--time-limit", "10"],
     ],
 )
 def test_commands_show_names_as_they_are(evil, capsys, monkeypatch, arguments):

@@ -23,7 +23,7 @@ NOT_IN_TIME = {
     "issa": "eq. 41, as for ssa",
 }
 NOT_WITH_JERK = {
-    "certify": "its trajectory is exact-jerk's",
+    "prove": "its trajectory is exact-jerk's",
     "copp": "its cone solver stops early: rounding alone changes 1e-4 to 1e-3",
     "drake-kto": "SNOPT finds a spline or none",
 }

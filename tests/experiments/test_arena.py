@@ -81,7 +81,7 @@ def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
 
 
 def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(races, "PROOF", "certify:family=spline353,within=1e-3,time_limit=20")
+    monkeypatch.setattr(races, "PROOF", "prove:family=spline353,within=1e-3,time_limit=20")
     told = {
         "names": ("pso", "de:population=12"),
         "problems": ("six-axis",),

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines.lower_bound.bound import certify
-from baselines.lower_bound.certify import Certify
+from baselines.lower_bound.bound import prove
 from baselines.lower_bound.dual_check import LEAF, BoundProof, proved_bound
+from baselines.lower_bound.planner import Prove
 from experiments.soaks import forgeries as module
 from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, text
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
@@ -159,8 +159,8 @@ def test_a_forged_trial_is_not_proved_again(tmp_path, monkeypatch):
     own = trial_text.read(text.encode())
     stats = {"proof": "proved", **own.solution.stats}
     forged = Solution(Status.INVALID, None, "without a motion", own.lower_bound, stats=stats)
-    monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
-    (trial,) = trials_of(Certify(time_limit=1e-3), own.problem, [0], "certify")
+    monkeypatch.setattr(Prove, "solve", lambda *_, **__: forged)
+    (trial,) = trials_of(Prove(time_limit=1e-3), own.problem, [0], "prove")
     folder.Store(tmp_path).write(trial)
     (found,) = verification(tmp_path).trials
     assert trial.lower_bound == own.lower_bound
@@ -170,12 +170,12 @@ def test_a_forged_trial_is_not_proved_again(tmp_path, monkeypatch):
 
 def test_a_bound_on_some_trajectories_is_none_on_all(tmp_path, monkeypatch):
     """The best 3-5-3 takes 4.31 s, as its proof proves, and the optimum 1.48 s."""
-    planner = Certify(family="spline353", within=0.1)
+    planner = Prove(family="spline353", within=0.1)
     found = planner.solve(load("six-axis"))
     forged = replace(found, status=Status.INVALID, trajectory=None, message="no motion")
     forged = replace(forged, lower_bound=found.stats["lower_bound"])
-    monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
-    (trial,) = trials_of(planner, load("six-axis"), [0], "certify")
+    monkeypatch.setattr(Prove, "solve", lambda *_, **__: forged)
+    (trial,) = trials_of(planner, load("six-axis"), [0], "prove")
     folder.Store(tmp_path).write(trial)
     (again,) = verification(tmp_path).trials
     assert again.lower_bound > 3
@@ -233,6 +233,6 @@ def test_a_gap_wider_than_the_bound_that_needs_no_solver_is_proved():
     """The cut-off would lie below the time that a single segment takes."""
     limits = Limits([1.0], [2.0])
     problem = Problem([[0.0], [1.5]], limits)
-    bound = certify(problem, within=20.0, time_limit=5)
+    bound = prove(problem, within=20.0, time_limit=5)
     assert 1.49 <= bound.lower_bound <= 2.0
     assert bound.status == "proved"

@@ -173,7 +173,7 @@ def test_the_fitness_is_all_that_the_swarms_pairs_differ_in():
 def test_quick_forms_resume(experiment, table, tmp_path, capsys, monkeypatch):
     # Small where size shows nothing: intervals, boxes and proofs are as many as it takes.
     monkeypatch.setattr(races, "JOBS", 0)
-    monkeypatch.setattr(races, "PROOF", "certify:family=spline353,within=1.0")
+    monkeypatch.setattr(races, "PROOF", "prove:family=spline353,within=1.0")
     monkeypatch.setattr(statistics, "bootstrap", partial(statistics.bootstrap, resamples=99))
     monkeypatch.setattr(issa_ablation, "PLACES", (0.0, 0.5))
     experiment.main(output=tmp_path, quick=True)

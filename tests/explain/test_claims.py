@@ -15,7 +15,7 @@ STRAIGHT = Problem([[0.0], [4.0]], Limits([2.0], [1.0]))
 
 
 def known(best=10.0, lower_bound=9.0, stopping=15.0):
-    return Known(STRAIGHT, best, "exact", lower_bound, "certify", stopping, {})
+    return Known(STRAIGHT, best, "exact", lower_bound, "prove", stopping, {})
 
 
 @pytest.mark.parametrize(

@@ -125,11 +125,11 @@ def test_what_cannot_be_certified_cannot_be_explained() -> None:
 
 def test_as_dict_has_the_keys_and_counts_joints_from_one() -> None:
     table = explained(random_problem(1, joints=2, waypoints=4), Exact()).as_dict()
-    assert set(table) == {*KEYS.split(), "recorded", "notes", "binding"}
-    assert {frozenset(row) for row in table["binding"]} == {
-        frozenset({"joint", "limit", "from", "to", "worth"})
+    assert set(table) == {*KEYS.split(), "recorded", "notes", "active"}
+    assert {frozenset(row) for row in table["active"]} == {
+        frozenset({"joint", "limit", "from", "to", "saving"})
     }
-    assert min(row["joint"] for row in table["binding"]) >= 1
+    assert min(row["joint"] for row in table["active"]) >= 1
 
 
 def test_references_are_those_that_know_the_limits() -> None:

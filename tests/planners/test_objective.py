@@ -154,7 +154,7 @@ def test_times_of_another_shape_are_named(times):
 
 
 def test_an_optimiser_of_another_library_finds_the_proved_optimum():
-    """`certify --family spline353` proves that no 3-5-3 of six-axis is below 4.31038 s."""
+    """`prove --family spline353` proves that no 3-5-3 of six-axis is below 4.31038 s."""
     f = Objective(trajopt.problem("six-axis"), fitness="scaled")
     box = np.column_stack([f.low, f.high])
     found = differential_evolution(f, box, rng=0, polish=False, tol=1e-10)

@@ -182,6 +182,7 @@ def test_load_reaches_outer_and_nested_options():
     ("name", "hint"),
     [
         ("isa", "did you mean 'issa'"),
+        ("certify", "it is now called 'prove'"),
         ("ruckig-serch", "did you mean 'ruckig-search'"),
         ("unoptimized", "did you mean 'unoptimised'"),
         ("qwertyuiop", "known: .*exact.*toppra"),

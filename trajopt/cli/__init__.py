@@ -3,7 +3,7 @@
 - `app`: the commands, exit codes and errors in one line;
 - `console`: prints text, tables and progress;
 - `parameters`, `asked`: flags that several commands share;
-- `plan`, `explain`, `judge`, `verify`, `certify`: one problem or motion;
+- `plan`, `explain`, `judge`, `verify`, `prove`: one problem or motion;
 - `compare` with `problem_tables`, `suite_table`, `against`: many trials and their tables;
 - `listing`, `suite`, `new`, `claims`, `best_known`: problems and what is known of them;
 - `export`, `report`: files made of stored trials.

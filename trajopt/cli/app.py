@@ -18,6 +18,7 @@ import trajopt
 from trajopt.cli import STOPPED, console, examples
 from trajopt.core.exceptions import FileNote, TrajoptError, UnitWarning, nearest
 from trajopt.core.out_of_scope import SCOPE, out_of_scope
+from trajopt.core.renamed import told
 
 _OVERWRITTEN = (
     "another distribution, trajopt, has overwritten a part of mintime: uninstall it "
@@ -61,7 +62,7 @@ _COMMANDS = {
         "judge:judge",
         "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
     ),
-    "certify": ("certify:certify", "Prove a lower bound on the minimum time."),
+    "prove": ("prove:prove", "Prove a lower bound on the minimum time."),
     "front": (
         "front:front",
         "Say how smooth a motion of each duration can be, and how smooth the planners are.",
@@ -163,6 +164,9 @@ def _words(error: Exception) -> str:
         return _missing(error)
     if isinstance(error, cyclopts.UnknownOptionError):
         option, _, _ = (error.token.keyword or error.token.value).partition("=")
+        renamed = told(option, "option")
+        if renamed:
+            return renamed
         elsewhere = out_of_scope(option)
         if elsewhere:
             return f"{option} is no option: {elsewhere}"
@@ -173,7 +177,8 @@ def _words(error: Exception) -> str:
         command = " ".join(error.command_chain or ())
         return f"{given}: {command} takes no further argument{_FURTHER.get(command, '')}"
     if isinstance(error, cyclopts.UnknownCommandError) and error.app and error.unused_tokens:
-        return _suggesting(error, error.unused_tokens[0], [*error.app])
+        given = error.unused_tokens[0]
+        return told(given, "command") or _suggesting(error, given, [*error.app])
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     if error.filename:

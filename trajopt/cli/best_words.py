@@ -82,7 +82,7 @@ def _quality(found: Best, duration: float) -> str:
         known = f"It is {above:.2g} % above {best}"
     return (
         f"{known}. Proved: every motion takes at least {found.proved:.4f} s, {less:.3g} % less "
-        "(`trajopt certify` proves more)."
+        "(`trajopt prove` proves more)."
     )
 
 

@@ -79,7 +79,7 @@ def compare(
         ),
     ] = None,
     dask: Running[str | None] = None,
-    certify: Planning[bool] = False,
+    prove: Planning[bool] = False,
     against: Planning[str | None] = None,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures.
@@ -92,7 +92,7 @@ def compare(
         output: Results folder; what is there already is kept.
         fresh: Run everything again.
         dask: Address or file of a Dask scheduler to run the trials on.
-        certify: Prove lower bounds too: same as --planner certify.
+        prove: Prove lower bounds too: same as --planner prove.
         against: Planner to test all others against; it is run too.
     """
     if not problems and not suite:
@@ -106,8 +106,8 @@ def compare(
     contestants: list[Contestant] = [*(planner or default_planners(allowed))]
     asked.check_motion_unit(motion_unit, motion or [], "--motion-unit")
     contestants += _motions(motion or [], interpolation, motion_unit)
-    if certify:
-        contestants.append("certify")
+    if prove:
+        contestants.append("prove")
     rival = None
     if against is not None:
         rival = profiled(against, [], allowed).entrant.label

@@ -23,9 +23,9 @@ EXAMPLES = {
         "trajopt judge theirs.csv my-robot.toml",
         "trajopt judge theirs.csv my-robot.toml --via-tolerance 0.001",
     ),
-    "certify": (
-        "trajopt certify six-axis",
-        "trajopt certify six-axis --family spline353",
+    "prove": (
+        "trajopt prove six-axis",
+        "trajopt prove six-axis --family spline353",
     ),
     "front": (
         "trajopt front six-axis --durations 2,3 --json",

@@ -9,6 +9,8 @@ import reprlib
 from collections.abc import Iterable
 from typing import Any
 
+from trajopt.core.renamed import current
+
 _LONGEST_KEY = 200  # characters of a key in a message
 _LONGEST_HINT = 1000  # characters of the hint in a message
 
@@ -113,7 +115,7 @@ class InvalidTrajectory(TrajoptError, ValueError):
 
 
 class UnknownName(TrajoptError, LookupError):
-    """No planner or problem has this name; the message lists the known names."""
+    """No planner or problem has this name; the message says its new name, or the known names."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         self.kind = kind
@@ -126,6 +128,8 @@ class UnknownName(TrajoptError, LookupError):
             close = within[0]
         if close:
             hint = f"did you mean {close!r}?"
+        if current(name) in self.known:
+            hint = f"it is now called {current(name)!r}"
         super().__init__(f"no {kind} is called {shown(name)}; {hint}")
 
 

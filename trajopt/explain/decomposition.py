@@ -102,7 +102,7 @@ class Explanation:
             "recorded": self.recorded,
             **{name: getattr(self, name) for name in _GAPS},
             "notes": self.notes,
-            "binding": [_row(limit) for limit in self.active_limits],
+            "active": [_row(limit) for limit in self.active_limits],
         }
 
 
@@ -114,7 +114,7 @@ def _row(active: ActiveLimit) -> dict[str, Any]:
         **of_segment,
         "from": active.start,
         "to": active.end,
-        "worth": active.saving,
+        "saving": active.saving,
     }
 
 
@@ -155,7 +155,7 @@ def explain(
         own.duration,
         optimum.duration,
         **gaps,
-        notes=notes | {"worth": savings_are_of},
+        notes=notes | {"saving": savings_are_of},
         active_limits=active,
         trajectory=own,
         optimum=optimum.trajectory,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.limits import KINDS, FallingVelocity
 from trajopt.core.problem import Problem
+from trajopt.core.renamed import RENAMED
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
@@ -58,8 +59,11 @@ smoother, are among them and cannot be faster.
 THROUGH_WAYPOINTS = "ruckig-search"
 """The planner whose certified answers are at or near the optimum, where a reference fails."""
 
-PROOF = "certify"
+PROOF = "prove"
 """The planner whose lower bound is proved."""
+
+PROVERS = (PROOF, *(former for former, now in RENAMED.items() if now == PROOF))
+"""The names of that planner in stored trials."""
 
 BEST_KNOWN = "best-known"
 """The planner that a best known answer names; `PROOF` checks its bound."""

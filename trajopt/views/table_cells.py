@@ -150,7 +150,7 @@ def reference(row: Any) -> str:
         row: Has the columns of `Results.references()`.
     """
     shortest = f"{row.reference:.6f} s"
-    known = "the best known, not proved (the planner certify may prove it)"
+    known = "the best known, not proved (the planner prove may prove it)"
     if row.proved > 0:
         within = 100 * (row.reference / row.proved - 1)
         by = f", recorded: {row.recorded_proof}" if row.recorded_proof else ""

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
-from baselines.lower_bound.bound import Bound, certify
-from baselines.lower_bound.certify import Certify
+from baselines.lower_bound.bound import Bound, prove
+from baselines.lower_bound.planner import Prove
 from baselines.spline353_nlp import Spline353NLP
 from trajopt import InvalidInput, Limits, Problem, Status, verify
 from trajopt.benchmark.suites.catalogue import load
@@ -49,7 +49,7 @@ def sane(bound: Bound, problem: Problem) -> None:
     ],
 )
 def test_closed_forms(problem: Problem, optimum: float, within: float) -> None:
-    bound = certify(problem, within=within)
+    bound = prove(problem, within=within)
     sane(bound, problem)
     assert bound.status == "proved"
     assert bound.proved_within <= within * (1 + 1e-6)
@@ -59,8 +59,8 @@ def test_closed_forms(problem: Problem, optimum: float, within: float) -> None:
 
 def test_six_axis_is_proved_in_time() -> None:
     problem = load("six-axis")
-    free = certify(problem, time_limit=10.0)
-    spline = certify(problem, "spline353", within=1e-6, time_limit=30.0)
+    free = prove(problem, time_limit=10.0)
+    spline = prove(problem, "spline353", within=1e-6, time_limit=30.0)
     for bound in (free, spline):
         sane(bound, problem)
         assert bound.status == "proved"
@@ -74,11 +74,11 @@ def test_six_axis_is_proved_in_time() -> None:
 def test_a_segment_near_rounding_is_left_unproved() -> None:
     """Flown by at full speed its spline takes 6 s, which no other spline comes near."""
     problem = one_joint(0.0, 1.0, 1.0 + 1e-13, 2.0)
-    bound = certify(problem, "spline353", time_limit=2)
+    bound = prove(problem, "spline353", time_limit=2)
     assert bound.status == "stopped: no progress"
     # 3 d1/t1 <= V = 1 and 6 d1/t1^2 <= A = 2 for d1 = 1, twice; the middle one takes no time
     assert bound.lower_bound <= 6.0
-    longer = certify(one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0), "spline353", time_limit=2)
+    longer = prove(one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0), "spline353", time_limit=2)
     assert longer.status == "proved"
     assert longer.lower_bound <= 6.0 <= longer.upper_bound * (1 + 1e-9)
 
@@ -87,7 +87,7 @@ def test_a_segment_near_rounding_is_left_unproved() -> None:
 def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) -> None:
     problem = random_problem(seed)
     answer = Exact().solve(problem).trajectory
-    bound = certify(problem, within=1e-3, time_limit=4)
+    bound = prove(problem, within=1e-3, time_limit=4)
     sane(bound, problem)
     limits = np.abs(problem.limits.velocity).max(axis=1)
     assert answer is not None
@@ -100,7 +100,7 @@ def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) 
 def test_random_splines_with_and_without_jerk(seed: int) -> None:
     problem = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
     answer = Spline353NLP().solve(problem).trajectory
-    bound = certify(problem, "spline353", within=1e-3, time_limit=4)
+    bound = prove(problem, "spline353", within=1e-3, time_limit=4)
     sane(bound, problem)
     assert answer is not None
     assert bound.lower_bound <= answer.duration * (1 + 1e-9)
@@ -110,7 +110,7 @@ def test_random_splines_with_and_without_jerk(seed: int) -> None:
 def test_some_joints_against_a_search_over_the_ratios(joints: list[int]) -> None:
     """Random times, dilated exactly: none may beat the bound, the best must come near."""
     problem = load("six-axis").only(joints)
-    bound = certify(problem, "spline353", within=1e-5, time_limit=10)
+    bound = prove(problem, "spline353", within=1e-5, time_limit=10)
     assert bound.status == "proved"
     generator = np.random.default_rng(0)
     ratios = np.exp(generator.uniform(-4, 4, (20000, 3)))
@@ -123,17 +123,17 @@ def test_some_joints_against_a_search_over_the_ratios(joints: list[int]) -> None
 
 def test_a_joint_alone_is_faster() -> None:
     whole = load("six-axis")
-    alone = certify(whole.only([4]))
+    alone = prove(whole.only([4]))
     assert alone.trajectory is not None
     assert alone.trajectory.joints == 1
     assert len(alone.trajectory.waypoint_times) == len(whole.waypoints)
-    assert alone.upper_bound < certify(whole).lower_bound
+    assert alone.upper_bound < prove(whole).lower_bound
 
 
 def test_jerk_and_position_limits_count() -> None:
     for name, within in (("jerk-limit", 5e-3), ("position-limits", 5e-4)):
-        bound = certify(load(name), within=within)
-        free = certify(load(name).without("jerk", "position"))
+        bound = prove(load(name), within=within)
+        free = prove(load(name).without("jerk", "position"))
         sane(bound, load(name))
         assert bound.status == "proved"
         assert bound.lower_bound > free.upper_bound
@@ -142,13 +142,13 @@ def test_jerk_and_position_limits_count() -> None:
 def test_position_limits_bound_the_353_too() -> None:
     """Between the bound and the best known lies nothing; without the limits it is far below."""
     problem = load("position-limits")
-    bound = certify(problem, "spline353", within=1e-3, time_limit=20)
+    bound = prove(problem, "spline353", within=1e-3, time_limit=20)
     assert bound.status == "proved"
     assert bound.trajectory is not None
     assert verify(problem, bound.trajectory).feasible
     # the best of a grid of ratios, refined
     assert bound.lower_bound <= 35.18858 <= bound.upper_bound * (1 + 1e-6)
-    free = certify(problem.without("position"), "spline353", within=1e-3, time_limit=20)
+    free = prove(problem.without("position"), "spline353", within=1e-3, time_limit=20)
     assert free.status == "proved"
     assert free.lower_bound < bound.lower_bound
 
@@ -156,12 +156,12 @@ def test_position_limits_bound_the_353_too() -> None:
 def test_no_353_passes_a_limit_at_speed() -> None:
     limits = Limits([2.0], [5.0], position=[[0.0, 1.0]])
     problem = Problem([[0.2], [1.0], [0.5], [0.0]], limits)
-    bound = certify(problem, "spline353")
+    bound = prove(problem, "spline353")
     assert bound.status == "infeasible"
     assert bound.lower_bound == np.inf
     assert bound.trajectory is None
     assert "at its limit at waypoint 2" in bound.message
-    answer = Certify(family="spline353").solve(problem)
+    answer = Prove(family="spline353").solve(problem)
     assert answer.status is Status.INFEASIBLE
     assert answer.message == bound.message
 
@@ -170,7 +170,7 @@ def test_no_353_passes_a_limit_at_speed() -> None:
 def test_a_time_limit_returns_the_bounds_reached(family: str) -> None:
     problem = load("six-axis")
     for seconds in (1e-6, 0.5):
-        bound = certify(problem, family, within=1e-9, time_limit=seconds)  # type: ignore[arg-type]
+        bound = prove(problem, family, within=1e-9, time_limit=seconds)  # type: ignore[arg-type]
         sane(bound, problem)
         assert bound.status in ("time limit", "stopped: no progress")
 
@@ -178,12 +178,12 @@ def test_a_time_limit_returns_the_bounds_reached(family: str) -> None:
 def test_without_a_solver_the_message_is_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "highspy", None)
     with pytest.raises(MissingBackend, match="pip install highspy"):
-        certify(load("six-axis"))
+        prove(load("six-axis"))
 
 
 @pytest.mark.parametrize("wrong", [{"family": "5-3-5"}, {"within": 0}, {"time_limit": -1}])
 def test_wrong_arguments(wrong: dict[str, object]) -> None:
     with pytest.raises(InvalidInput):
-        Certify(**wrong).bound(load("six-axis"))  # type: ignore[arg-type]
+        Prove(**wrong).bound(load("six-axis"))  # type: ignore[arg-type]
     with pytest.raises(InvalidInput):
-        certify(load("seven-waypoints"), "spline353")
+        prove(load("seven-waypoints"), "spline353")

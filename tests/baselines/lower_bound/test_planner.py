@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines.lower_bound.certify import Certify
+from baselines.lower_bound.planner import Prove
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.core.solution import Status
@@ -18,12 +18,12 @@ from trajopt.planners.planner import Relation
 from trajopt.planners.registry import load as load_planner
 from trajopt.planners.rest_to_rest import stop_times
 
-QUICK = Certify(time_limit=10.0)
+QUICK = Prove(time_limit=10.0)
 
 
 def test_it_is_the_registered_planner():
-    planner = load_planner("certify:family=spline353")
-    assert planner == Certify(family="spline353")
+    planner = load_planner("prove:family=spline353")
+    assert planner == Prove(family="spline353")
 
 
 def test_the_trapezoid_has_both_ends():
@@ -41,7 +41,7 @@ def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
     problem = Problem(
         [[0, 0], [1, -0.5], [0.4, 0.6]], Limits([1, 1], [2, 2], jerk=[20, 20], position=position)
     )
-    planner = Certify(within=2e-3, time_limit=20.0)
+    planner = Prove(within=2e-3, time_limit=20.0)
     solution = planner.solve(problem)
     assert solution.stats["proof"] == "proved"
     assert solution.lower_bound > 3.19
@@ -49,7 +49,7 @@ def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
 
 
 def test_a_bound_of_splines_is_not_a_bound_of_every_trajectory():
-    planner = Certify(family="spline353", within=1e-2, time_limit=20.0)
+    planner = Prove(family="spline353", within=1e-2, time_limit=20.0)
     # one way with waypoints on it: the trapezoid of 1.5/1 + 1/2 s passes them, a 3-5-3 is slower
     problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]))
     solution = planner.solve(problem)
@@ -62,7 +62,7 @@ def test_a_bound_of_splines_is_not_a_bound_of_every_trajectory():
 
 def test_what_it_cannot_answer_is_refused_with_the_reason():
     problem = Problem([[0, 5], [1.5, 5]], Limits([1, 1], [2, 2]))
-    solution = Certify(family="spline353").solve(problem)
+    solution = Prove(family="spline353").solve(problem)
     assert solution.status is Status.UNSUPPORTED
     assert "4 waypoints" in solution.message
 
@@ -72,7 +72,7 @@ def test_what_it_cannot_answer_is_refused_with_the_reason():
 
 @pytest.fixture(scope="module")
 def proved():
-    planner = Certify(family="spline353", within=1e-3)
+    planner = Prove(family="spline353", within=1e-3)
     return planner, planner.solve(load("reversal")).stats
 
 
@@ -129,7 +129,7 @@ def test_no_spline_is_shorter_than_the_stored_bound(first, last, name):
 @cache
 def stored_bound_of(name):
     problem = load(name).without("position")
-    planner = Certify(family="spline353", within=1e-2)
+    planner = Prove(family="spline353", within=1e-2)
     return planner.stored_bound(problem, planner.solve(problem).stats)
 
 
@@ -143,7 +143,7 @@ def test_the_time_limit_covers_building_the_model(waypoints, joints):
     limits = Limits(np.ones(joints), np.full(joints, 2.0))
     problem = Problem(np.cumsum(steps, axis=0), limits)
     began = time.perf_counter()
-    solution = Certify(time_limit=5.0).solve(problem)
+    solution = Prove(time_limit=5.0).solve(problem)
     assert time.perf_counter() - began < 5.0
     assert "a proof can begin" in solution.message
     # no segment is faster than its largest displacement at top speed
@@ -161,7 +161,7 @@ def test_the_time_limit_covers_building_the_model(waypoints, joints):
     ],
 )
 def test_an_open_bound_says_how_far_the_motion_is_above_and_whether_its_starts_agree(apart, words):
-    bound = Certify(time_limit=5.0).bound(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
+    bound = Prove(time_limit=5.0).bound(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
     opened = replace(bound, status="time limit", proved_within=0.25, disagreement=apart)
-    assert Certify()._message(opened).endswith(words)
-    assert "above" not in Certify()._message(replace(opened, status="proved"))
+    assert Prove()._message(opened).endswith(words)
+    assert "above" not in Prove()._message(replace(opened, status="proved"))

@@ -30,7 +30,7 @@ def written(folder, *, lower_bound=OPTIMUM, origin=BOUND):
 
 
 def computed(best=2.5, lower_bound=1.5):
-    return Known(PROBLEM, best, "exact", lower_bound, "certify", 2.5, {})
+    return Known(PROBLEM, best, "exact", lower_bound, "prove", 2.5, {})
 
 
 def test_what_is_recorded_and_better_counts_and_is_named(tmp_path):
@@ -62,6 +62,6 @@ def test_a_recorded_bound_counts_for_what_its_proof_proves(tmp_path):
 
 
 def test_a_recorded_bound_without_a_proof_counts_in_closed_form(tmp_path):
-    certify = Origin("certify", "0.1.0", "2026-11-22")
-    unproved = written(tmp_path, lower_bound=2.4, origin=certify)
+    by_prove = Origin("prove", "0.1.0", "2026-11-22")
+    unproved = written(tmp_path, lower_bound=2.4, origin=by_prove)
     assert with_record(computed(), unproved).lower_bound == pytest.approx(OPTIMUM, rel=1e-9)

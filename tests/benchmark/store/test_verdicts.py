@@ -123,7 +123,7 @@ def test_the_caches_of_judges_long_gone_are_removed(tmp_path):
 @pytest.mark.parametrize("bound", [9.0, 0.1])
 def test_a_bound_that_gaps_rest_on_is_what_its_proof_proves(tmp_path, bound):
     problem = catalogue.load("one-joint")
-    (true,) = trials_of(load("certify"), problem, [0], "certify")
+    (true,) = trials_of(load("prove"), problem, [0], "prove")
 
     def change(table):
         table["solution"]["lower_bound"] = bound

@@ -60,15 +60,15 @@ def test_planners_on_different_problems_are_compared_by_one_on_the_same_problems
 def test_proved_counts_problems_whose_motion_meets_its_bound() -> None:
     items = [
         *run("exact", 2.0),
-        *run("certify", -1, bound=1.999),
+        *run("prove", -1, bound=1.999),
         *run("mine", 3.0, 3.5),
         *run("exact", 4.0, problem=OTHER),
-        *run("certify", -1, bound=3.9, problem=OTHER),
+        *run("prove", -1, bound=3.9, problem=OTHER),
         *run("mine", 4.5, problem=OTHER),
     ]
     table = Results(items).planners()
     assert table.loc["mine", ["problems", "proved"]].tolist() == [2, 1]
-    bound_alone = Results([*run("certify", -1, bound=1.999), *run("mine", 3.0)])
+    bound_alone = Results([*run("prove", -1, bound=1.999), *run("mine", 3.0)])
     assert bound_alone.planners().loc["mine", "proved"] == 0
 
 

@@ -78,9 +78,9 @@ def test_a_record_needs_no_computed_reference(recorded):
 
 def test_the_higher_of_two_proofs_counts(recorded):
     recorded(1.5, 1.3)
-    lower = Results([*run("exact", 1.5), *run("certify", None, bound=1.2)])
+    lower = Results([*run("exact", 1.5), *run("prove", None, bound=1.2)])
     assert lower.references().iloc[0].tolist()[2:] == [1.3, "", "theirs 1.0, 2026-11-22"]
-    higher = Results([*run("exact", 1.5), *run("certify", None, bound=1.4)])
+    higher = Results([*run("exact", 1.5), *run("prove", None, bound=1.4)])
     assert higher.references().iloc[0].tolist()[2:] == [1.4, "", ""]
 
 

@@ -99,14 +99,15 @@ def test_without_a_certified_exact_answer_a_relaxed_one_is_the_reference_or_what
     relaxed = results.summary().set_index("label").loc["exact"]
     assert (relaxed["status"], relaxed["solved"]) == ("relaxed", 0)
     assert np.isnan(relaxed["lower_bound"])
-    proved = Results([*items, *run("certify", -1.0, bound=2.0)])
+    proved = Results([*items, *run("prove", -1.0, bound=2.0)])
     assert proved.references().iloc[0].tolist()[:3] == [2.0, "lower bound", 2.0]
     unproved = Results([*run("exact", -1.0, bound=2.0), *run("mine", 3.0)])
     assert unproved.references().empty  # a bound of `exact` is not proved
 
 
-def test_a_proof_bounds_the_reference_and_may_improve_it():
-    proof = run("certify", 1.9, bound=1.8)
+@pytest.mark.parametrize("name", ["prove", "certify"])  # stored trials may have the old name
+def test_a_proof_bounds_the_reference_and_may_improve_it(name):
+    proof = run(name, 1.9, bound=1.8)
     results = Results([*run("exact", 2.0), *proof, *run("mine", 2.5)])
     assert results.references().iloc[0].tolist() == [1.9, "exact", 1.8, "", ""]
     assert results.summary()["proved"].tolist() == [1.8] * 3
@@ -114,7 +115,7 @@ def test_a_proof_bounds_the_reference_and_may_improve_it():
 
 
 def test_below_a_proof_is_suspicious_whatever_the_reference():
-    items = [*run("exact", 2.0), *run("certify", -1.0, bound=2.2), *run("mine", 2.1)]
+    items = [*run("exact", 2.0), *run("prove", -1.0, bound=2.2), *run("mine", 2.1)]
     assert set(Results(items).suspicious()["label"]) == {"exact", "mine"}
 
 
@@ -364,13 +365,13 @@ def test_of_tied_rows_the_optimum_is_first_and_then_the_name_decides():
         "exact": (2.0 + 1e-9,),
         "a": (3.0,),
         "gives up": (-1.0,),
-        "certify": (2.0 - 1e-9,),
+        "prove": (2.0 - 1e-9,),
         "faster": (1.9,),
     }
     trials = []
     for name, durations in named.items():
         trials += trials_of(Fixed(*durations), PROBLEM, [0], name)
-    expected = ["faster", "exact", "certify", "exact-jerk", "a", "b", "gives up"]
+    expected = ["faster", "exact", "prove", "exact-jerk", "a", "b", "gives up"]
     for given in (trials, trials[::-1]):
         results = Results(given)
         assert [line.label for line in results.lines()] == expected

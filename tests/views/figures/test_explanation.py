@@ -29,7 +29,7 @@ KEYS = [
     "shape_gap",
     "smoothness_gap",
     "notes",
-    "binding",
+    "active",
     "figures",
 ]
 
@@ -79,7 +79,7 @@ def test_explain_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert (code, err, list(table)) == (0, "", KEYS)
     assert table["seed"] == 3
     assert table["gap"] == pytest.approx((1 + table["timing_gap"]) * (1 + table["route_gap"]) - 1)
-    assert {(b["joint"], b["limit"]) for b in table["binding"]} <= {
+    assert {(b["joint"], b["limit"]) for b in table["active"]} <= {
         (joint, limit) for joint in range(1, 7) for limit in ("velocity", "acceleration")
     }
     assert sorted(table["figures"]) == sorted(str(f) for f in tmp_path.iterdir())

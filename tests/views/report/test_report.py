@@ -268,7 +268,7 @@ def test_trials_below_the_reference_are_in_the_red_box(html: str) -> None:
 def test_what_gaps_are_measured_against_and_how_much_is_proved() -> None:
     (exact,) = run("exact", 2.0)
     bound = replace(
-        exact, planner="certify", label="certify", solution=replace(exact.solution, lower_bound=1.6)
+        exact, planner="prove", label="prove", solution=replace(exact.solution, lower_bound=1.6)
     )
     assert content.page(Results([exact, bound])).references == [
         "Gaps are to the exact optimum, 2.000000 s: proved within 25.000 % (lower bound "

@@ -10,6 +10,7 @@ import numpy as np
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
+from trajopt.core.renamed import current
 from trajopt.explain.references import BEST_KNOWN, PROOF
 from trajopt.planners.planner import Relation
 from trajopt.planners.registry import configured, entries
@@ -83,7 +84,7 @@ def _proved(planner: StoresProofs, trial: Trial) -> float:
 
 def _planner(trial: Trial) -> StoresProofs | None:
     """The trial's planner with its options, where it is installed and stores proofs."""
-    name, options = trial.planner, trial.options
+    name, options = current(trial.planner), trial.options
     if name == BEST_KNOWN:
         name, options = PROOF, {}
     entry = entries().get(name)

@@ -26,7 +26,7 @@ from trajopt.core import files
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import KINDS
 from trajopt.core.solution import Status
-from trajopt.explain.references import PROOF
+from trajopt.explain.references import PROVERS
 from trajopt.judging.verification import Certificate
 
 DURATION_RTOL = 1e-9  # between a stated duration and the computed one
@@ -100,7 +100,7 @@ def _computed(then: Trial) -> JudgedTrial:
     differences = changed(then, now)
     if then.label.partition(":")[0] != then.planner:
         now = replace(now, label=then.planner)
-    if then.planner == PROOF and then.lower_bound is not None:
+    if then.planner in PROVERS and then.lower_bound is not None:
         word, unproved = proofs.rechecked(then)
         if word != proofs.PROVED_AGAIN:
             differences += unproved or [f"lower bound: {word}"]

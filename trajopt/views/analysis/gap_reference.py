@@ -18,7 +18,7 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
-from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.planners.planner import Relation
 from trajopt.views.analysis.versions import by_problem, newest
 
@@ -80,12 +80,12 @@ def improvements(trials: Iterable[Trial]) -> list[Trial]:
 
 def _computed(trials: Sequence[Trial]) -> Reference:
     """Return the reference from one problem's trials of the exact planners and of the proof."""
-    exact = [trial for trial in trials if trial.planner in (*REFERENCES, PROOF)]
+    exact = [trial for trial in trials if trial.planner in (*REFERENCES, *PROVERS)]
     proved = nan
     relaxed = nan
     for trial in exact:
         relaxed = _larger(relaxed, trial.relaxed_duration)
-        if trial.planner == PROOF:
+        if trial.planner in PROVERS:
             proved = _larger(proved, trial.lower_bound)
     certified = [trial for trial in exact if _is_reference(trial)]
     if certified:
@@ -101,7 +101,7 @@ def _is_reference(trial: Trial) -> bool:
     """Return whether its planner, asked for an optimum, planned for all limits or kept them."""
     if trial.certificate is None or not trial.certificate.valid:
         return False
-    if trial.planner == PROOF:
+    if trial.planner in PROVERS:
         return trial.relation is not Relation.RELAXATION
     return trial.certificate.nearly_feasible or not trial.problem.limits.others
 

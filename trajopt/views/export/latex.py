@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 
 from trajopt.benchmark.store import atomic
-from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.views import table_cells
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Tables
@@ -75,7 +75,8 @@ def _fill(text: str, place: Path) -> None:
 
 def rival(results: Tables) -> str:
     """Return the planner with the smallest median gap that is no reference, or else the first."""
-    references = {trial.label for trial in results.items if trial.planner in (*REFERENCES, PROOF)}
+    known = (*REFERENCES, *PROVERS)
+    references = {trial.label for trial in results.items if trial.planner in known}
     labels = results.planners().index.tolist()
     others = [label for label in labels if label not in references]
     return str([*others, *labels][0])

@@ -25,7 +25,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.exceptions import StoreError
 from trajopt.core.limits import KINDS
 from trajopt.core.trajectory import Trajectory
-from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.curves import anytime, counted, everywhere, gap_shares, profile
 from trajopt.views.analysis.gap_reference import references
@@ -324,7 +324,7 @@ def _telling(medians: Sequence[Trial]) -> list[Trial]:
 
     References are left out: they are drawn behind the others. Without others the first is kept.
     """
-    references = {*REFERENCES, PROOF}
+    references = {*REFERENCES, *PROVERS}
     compared = [trial for trial in medians if trial.planner not in references]
     ordered = sorted(compared, key=lambda trial: (_interest(trial), _duration(trial)))
     own = [trial for trial in ordered if _interest(trial) == 0]

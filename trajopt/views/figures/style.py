@@ -29,7 +29,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 # Planners with a look of their own, by its place.
 KNOWN = (
     *("exact", "issa", "toppra", "ruckig-stop", "pso", "unoptimised", "ssa"),
-    *("spline353-nlp", "ruckig-search", "exact-jerk", "collocation", "certify", "cmaes", "de"),
+    *("spline353-nlp", "ruckig-search", "exact-jerk", "collocation", "prove", "cmaes", "de"),
     *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg"),
 )
 

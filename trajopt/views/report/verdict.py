@@ -8,7 +8,7 @@ from math import isfinite, isnan
 from typing import Any
 
 from trajopt.benchmark.trial import Trial
-from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.views import table_cells
 from trajopt.views.analysis.results import Line, Tables
 from trajopt.views.figures import draw
@@ -21,7 +21,7 @@ NAMED = 4  # planners that a sentence names at most
 def of_problem(results: Tables) -> str:
     """Return how far planners are above the optimum: "toppra 8.3 %, issa 190.9 % (median)"."""
     lines = results.lines()
-    compared = [line for line in lines if _name(line) not in {*REFERENCES, PROOF}]
+    compared = [line for line in lines if _name(line) not in {*REFERENCES, *PROVERS}]
     answered = [line for line in compared if isfinite(line.gap)]
     first = lines[0]
     if first.kind is None:
@@ -53,7 +53,7 @@ def _above(line: Line) -> str:
 
 def of_suite(results: Tables) -> str:
     """Return the median gaps of the planners over the problems that they answer."""
-    references = {*REFERENCES, PROOF}
+    references = {*REFERENCES, *PROVERS}
     rows = [row for row in results.planners().itertuples() if isfinite(row.gap)]
     compared = [row for row in rows if str(row.Index).partition(":")[0] not in references] or rows
     if not rows:

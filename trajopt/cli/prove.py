@@ -1,4 +1,4 @@
-"""`trajopt certify`: prove a lower bound on the minimum time."""
+"""`trajopt prove`: prove a lower bound on the minimum time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trajopt.planners.registry import configured, entries
 _LEFT_OUT = "limits left out"
 
 
-def certify(
+def prove(
     problem: ProblemName,
     *,
     robot: RobotFlags = NO_FLAGS,
@@ -38,7 +38,7 @@ def certify(
     """
     loaded = asked.problem(problem, robot, scaled=True)
     options = {"family": family, "within": within, "time_limit": time_limit}
-    planner = configured(entries()["certify"].load(), options, "certify")
+    planner = configured(entries()["prove"].load(), options, "prove")
     began = time.perf_counter()
     proof = planner.solve(loaded)
     if proof.status is Status.UNSUPPORTED:

@@ -22,7 +22,7 @@ AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
 
 
 @dataclass(frozen=True)
-class Certify(Planner):
+class Prove(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
 
     Velocity, acceleration, jerk and position limits count. Other kinds are left out, which keeps
@@ -83,10 +83,10 @@ class Certify(Planner):
         return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)
 
     def bound(self, problem: Problem) -> Bound:
-        """Return both bounds, as `baselines.lower_bound.bound.certify` does."""
-        from baselines.lower_bound.bound import certify
+        """Return both bounds, as `baselines.lower_bound.bound.prove` does."""
+        from baselines.lower_bound.bound import prove
 
-        return certify(problem, self.family, within=self.within, time_limit=self.time_limit)
+        return prove(problem, self.family, within=self.within, time_limit=self.time_limit)
 
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
         """Return the bound, s, that the proof among a solution's `stats` proves, without a solver.
