@@ -478,7 +478,7 @@ def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
     folder, done, command = compared
     before = {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()}
     ran = []
-    monkeypatch.setattr(server, "judge", lambda: ran.append("a judge"))
+    monkeypatch.setattr(server, "judge_link", lambda: ran.append("a judge"))
     code, out, _ = trajopt(*command[3:])
     assert (code, ran) == (0, [])
     assert {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()} == before
