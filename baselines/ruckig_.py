@@ -2,8 +2,8 @@
 
 The open edition takes no intermediate waypoints. So every segment is a section of its own, from one
 state (position, velocity, acceleration) to the next, with all joints arriving together.
-`RuckigStop` rests at every waypoint. `RuckigVia` starts there and improves the states at the inner
-waypoints.
+`RuckigStop` rests at every inner waypoint. `RuckigVia` starts there and improves the states at the
+inner waypoints.
 
 Ruckig takes one jerk limit for both sides: of an asymmetric limit it gets the tighter side. It
 ignores position limits, so every section is checked against them here. Without a jerk limit it
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from baselines.linear_programs import LinearProgram
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
+from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.limits import LIMIT_NAMES, Limits
 from trajopt.core.problem import Problem
@@ -74,12 +75,12 @@ class RuckigStop(Planner):
     """Ruckig from waypoint to waypoint, stopping at each."""
 
     requires = ("ruckig",)
-    knows = LIMIT_NAMES
+    knows = (*LIMIT_NAMES, *END_STATES)
 
     @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
-        return _solution(problem, sections, sections.at_rest, [])
+        return _solution(problem, sections, sections.stopping, [])
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,7 @@ class Sections:
     def __init__(self, problem: Problem) -> None:
         ruckig = backend("ruckig")
         self.waypoints = problem.waypoints
+        self.route = problem.route
         self.limits = problem.limits
         joints = problem.joints
         self._solver = ruckig.Ruckig(joints)
@@ -149,7 +151,7 @@ class Sections:
         self.evaluations = 0
 
     def _bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and highest states: inside their limits, and at rest at both ends.
+        """Return the lowest and highest states: inside their limits, and as asked at both ends.
 
         Without a jerk limit Ruckig does not read a joint's acceleration: it is 0.
         """
@@ -157,15 +159,19 @@ class Sections:
         boxes = limits * (1 - _STATE_MARGIN)
         jerk_limited = np.isfinite(self.limits.jerk).any(axis=1)
         boxes[1, ~jerk_limited] = 0
-        low = self.at_rest
-        high = self.at_rest
+        low = self.stopping
+        high = self.stopping
         low[:, 1:-1] = boxes[:, None, :, 0]
         high[:, 1:-1] = boxes[:, None, :, 1]
         return low, high
 
     @property
-    def at_rest(self) -> Array:
-        return np.zeros((2, *self.waypoints.shape))
+    def stopping(self) -> Array:
+        """The states at rest at every inner waypoint, and as asked at both ends."""
+        states = np.zeros((2, *self.waypoints.shape))
+        states[:, 0] = self.route.start
+        states[:, -1] = self.route.end
+        return states
 
     def minima(self, k: Numbers, at_ends: Array) -> Array:
         """Return each joint's own least time, s, `(cases, joints)`; NaN where Ruckig refuses.
@@ -322,7 +328,7 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     The search descends from rest, from the waypoints' mean velocities, and then from random steps
     away from the best states so far (always the same ones), while the budget lasts.
     """
-    best = sections.at_rest
+    best = sections.stopping
     shortest = _total(sections, best)
     history = [(sections.evaluations, shortest)]
     if not np.isfinite(shortest) or len(sections.waypoints) == 2:
@@ -345,12 +351,12 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
 
 def _guesses(sections: Sections) -> list[Array]:
     """Return rest, and shares of the mean velocity around each waypoint."""
-    rest = sections.at_rest
+    rest = sections.stopping
     minima = sections.minima(*_every_segment(rest))
     times = np.nanmax(minima, axis=1)
     # v_k = (q_(k+1) − q_(k−1)) / (T_k + T_(k+1))
     ways = sections.waypoints[2:] - sections.waypoints[:-2]
-    means = sections.at_rest
+    means = sections.stopping
     means[0, 1:-1] = ways / (times[1:] + times[:-1])[:, None]
     region = _trust_region(sections, rest, 1.0)
     return [np.clip(share * means, *region) for share in _MEAN_SHARES]
@@ -392,7 +398,7 @@ def _every_segment(states: Array) -> tuple[Numbers, Array]:
 
 def _trust_region(sections: Sections, states: Array, radius: float) -> tuple[Array, Array]:
     """Return the lowest and highest states within a radius."""
-    farthest = radius * np.minimum(sections.high, -sections.low)
+    farthest = radius * np.maximum(np.minimum(sections.high, -sections.low), 0.0)
     lower = np.maximum(states - farthest, sections.low)
     upper = np.minimum(states + farthest, sections.high)
     return lower, upper
@@ -408,7 +414,7 @@ class StepPrograms:
 
     def __init__(self, sections: Sections) -> None:
         self._sections = sections
-        rest = sections.at_rest
+        rest = sections.stopping
         self._segments, _ = _every_segment(rest)
         # the waypoints at both ends of every segment, `(2, segments)`
         self._ends = np.stack([self._segments, self._segments + 1])

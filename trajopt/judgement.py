@@ -43,7 +43,7 @@ from trajopt.formats.samples import Samples
 from trajopt.judging.evidence import DEFAULT_WINDOW_S, Evidence
 from trajopt.judging.evidence import passing as through
 from trajopt.judging.passing import waypoint_times
-from trajopt.judging.smoothness import Smoothness, smoothness
+from trajopt.judging.smoothness import Smoothness, of_certified
 from trajopt.judging.verification import Certificate, verify
 from trajopt.planners.planner import Planner
 
@@ -79,10 +79,7 @@ class Execution:
     @cached_property
     def smoothness(self) -> Smoothness | None:
         """Integrals of the motion, slowed down as far as it needs; None with a flaw."""
-        if not self.certificate.valid:
-            return None
-        executed = smoothness(self.problem, self.executed)
-        return executed.dilated(max(1.0, self.certificate.dilation))
+        return of_certified(self.problem, self.executed, self.certificate)
 
     @property
     def kept(self) -> bool:

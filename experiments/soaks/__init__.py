@@ -4,6 +4,7 @@ Reading order:
 
 - `soak_report`: the report of every soak.
 - `tricks`: motions that claim too little.
+- `moving_ends`: the same, with the velocities at the ends of problems in motion.
 - `forgeries`: proofs that claim too much.
 - `relations`: inequalities and symmetries between planners, on random problems.
 - `hostile_inputs`: files that a stranger crafted or an accident changed, made by `hostile_texts`

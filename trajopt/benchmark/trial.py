@@ -27,7 +27,7 @@ from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.smoothness import Smoothness, smoothness
+from trajopt.judging.smoothness import Smoothness, of_certified
 from trajopt.judging.verification import Certificate, certified, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
@@ -119,10 +119,9 @@ class Trial:
         trajectory = self.solution.trajectory
         if trajectory is None or trajectory.joints != self.problem.joints:
             return None
-        if self.certificate is None or not self.certificate.valid:
+        if self.certificate is None:
             return None
-        claimed = smoothness(self.problem, trajectory)
-        return claimed.dilated(max(1.0, self.certificate.dilation))
+        return of_certified(self.problem, trajectory, self.certificate)
 
     @property
     def jerk_integral(self) -> float | None:

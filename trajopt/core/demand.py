@@ -212,6 +212,9 @@ DEMANDS: Mapping[str, Demand] = {
 }
 """Every demand by its key, in the order of problem files."""
 
+END_STATES = ("start_velocity", "end_velocity", "start_acceleration", "end_acceleration")
+"""The states in which the motion begins and ends."""
+
 
 def names(keys: Iterable[str]) -> str:
     """Demands in words: "start velocity and end velocity"."""

@@ -89,6 +89,17 @@ class Route:
         """The state in which the motion ends."""
         return State(self.demand("end_velocity"), self.demand("end_acceleration"))
 
+    def ends(self, joint: int, orders: int = 2) -> Array:
+        """A joint's velocity (and acceleration) at the start and at the end, `(2, orders)`."""
+        return np.array(
+            [[rate[joint] for rate in state[:orders]] for state in (self.start, self.end)]
+        )
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the motion begins and ends at rest."""
+        return not any(DEMANDS[key].moves for key in self.demands)
+
     @property
     def dilatable(self) -> bool:
         """Whether a motion along it, slowed down, is one too."""

@@ -6,7 +6,7 @@ of constant acceleration exactly, and a quintic piece one of constant jerk (docs
 section 10). With samples between breaks it does not: bang-bang motions overshoot then.
 
 Therefore the breaks are moved to the nearest cycle, where many become one, and the motion between
-them is found again, joint by joint (`trajopt.formats.joint_program`). Where that has no solution,
+them is found again, joint by joint (`trajopt.judging.joint_program`). Where that has no solution,
 the motion is made one cycle longer, and tried again.
 """
 
@@ -23,8 +23,8 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LimitName
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.formats.joint_program import JointProgram
 from trajopt.formats.samples import Samples
+from trajopt.judging.joint_program import JointProgram
 
 Indices = NDArray[np.int_]
 
@@ -183,6 +183,7 @@ class _CycleSearch:
                 positions=self.problem.waypoints[:, joint],
                 limits=self.problem.limits.only([joint]),
                 planned=planned[:, joint],
+                ends=self.problem.route.ends(joint, self.order - 1),
             )
             states = program.solved()
             if states is None:

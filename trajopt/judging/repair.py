@@ -1,10 +1,10 @@
 """The exact repair of a trajectory (docs/mathematics.md, section 7).
 
-The repaired motion passes every waypoint, rests at both ends, does not jump, and stays within its
-position limits. Nothing is tolerated: positions are integrated anew from each waypoint, and
-polynomials that live within segments cancel the miss of the next waypoint, jumps at breaks, and
-motion at the ends. The limits judge the repaired motion, which is harder where the given one missed
-or jumped.
+The repaired motion passes every waypoint, begins and ends in the states that are asked (by default
+at rest), does not jump, and stays within its position limits. Nothing is tolerated: positions are
+integrated anew from each waypoint, and polynomials that live within segments cancel the miss of the
+next waypoint, jumps at breaks, and wrong states at the ends. The limits judge the repaired motion,
+which is harder where the given one missed or jumped.
 
 A break's correction lives on the longer side of its segment, of duration `ρ` there: it grows from
 the segment's start to the break, or has died out from the break to the segment's end. The sum of
@@ -48,9 +48,9 @@ BRIEF_RTOL = 1e-3
 def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """Return the motion, changed so that it passes every waypoint and does not jump.
 
-    Velocity becomes continuous and zero at both ends. So does the acceleration of joints whose jerk
-    is limited. Positions stay within their limits. Duration and waypoint times stay the same, up to
-    rounding.
+    Velocity becomes continuous, and at both ends what the route asks. So does the acceleration of
+    joints whose jerk is limited. Positions stay within their limits. Duration and waypoint times
+    stay the same, up to rounding.
 
     Args:
         problem: of as many joints and waypoints as the trajectory has.
@@ -130,7 +130,7 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
             continue
         jumps = []
         for derivative in range(1, order + 1):
-            jump = _jumps(layout, derivative)
+            jump = _jumps(problem, layout, derivative)
             jumps.append(jump[:, joints])
         rows = 2 * order + 2
         added = np.zeros((rows, *layout.travel.shape))
@@ -452,18 +452,18 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     return still_growing, still_dying
 
 
-def _jumps(layout: _Layout, order: int) -> Array:
+def _jumps(problem: Problem, layout: _Layout, order: int) -> Array:
     """Jumps of a derivative at every break, `(breaks, joints)`.
 
-    Before and after the motion the robot rests. What jumps within brief segments is the rounding of
-    what was integrated anew.
+    Before and after the motion the robot is in the states that are asked. What jumps within brief
+    segments is the rounding of what was integrated anew.
     """
     unit = layout.trajectory.pieces(order)
     starts = unit[-1]
     stops = unit.sum(axis=0)
-    rest = np.zeros_like(starts[:1])
-    after = np.concatenate([starts, rest])
-    before = np.concatenate([rest, stops])
+    route = problem.route
+    after = np.concatenate([starts, route.end[order - 1][None]])
+    before = np.concatenate([route.start[order - 1][None], stops])
     return np.where(layout.within_brief[:, None], 0.0, after - before)
 
 
@@ -511,13 +511,15 @@ def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Arr
     """Push the motion within its position limits.
 
     At a waypoint on a limit the joint turns: its velocity is zero, and it does not accelerate
-    outwards. Then each joint's motion is mixed with as little as needed of one that is inside and
-    rests at every waypoint. The result is not a number where no mixture is inside.
+    outwards; where a joint is to move at an end of the motion, it stays as it is there. Then each
+    joint's motion is mixed with as little as needed of one that is inside and rests at every inner
+    waypoint. The result is not a number where no mixture is inside.
     """
     side = _sides(problem, layout)
     share = np.zeros(problem.joints)
-    if side.any():
-        turn = _turned_at_limits(layout, coefficients, side)
+    turning = np.where(_given(problem, layout), 0.0, side)
+    if turning.any():
+        turn = _turned_at_limits(layout, coefficients, turning)
         coefficients = polynomials.plus(coefficients, turn)
     mixed = coefficients
     excess = _allowed_excess(problem, layout, side)
@@ -544,6 +546,14 @@ def _sides(problem: Problem, layout: _Layout) -> Array:
     above = high - waypoints <= near
     below = waypoints - low <= near
     return above.astype(float) - below
+
+
+def _given(problem: Problem, layout: _Layout) -> Bools:
+    """Where a joint is to move at an end of the motion, `(segments + 1, joints)`."""
+    found = np.zeros(layout.waypoints.shape, dtype=bool)
+    for row, state in ((0, problem.route.start), (-1, problem.route.end)):
+        found[row] = np.any(state, axis=0)
+    return found
 
 
 def _allowed_excess(problem: Problem, layout: _Layout, side: Array) -> Array:
@@ -590,7 +600,8 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
     """A motion within the limits that rests at every waypoint, `(7, pieces, joints)`.
 
     It is monotone between waypoints. Where both are on one limit it moves inwards and back, as far
-    as half the acceleration limit allows.
+    as half the acceleration limit allows. To the end states that are asked it has a quintic, which
+    may leave the limits.
     """
     limits = problem.limits.in_all_segments()
     low, high = limits.position.T
@@ -604,7 +615,23 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
     steps = layout.displacements[..., None] * _STEP
     bumps = inwards[..., None] * _BUMP
     growing = layout.of_pieces(steps + bumps)
-    return _in_time(layout, growing, np.zeros_like(growing), lowest_power=3)
+    dying = np.zeros_like(growing)
+    if not problem.route.at_rest:
+        ending, starting = _to_ends(problem, layout)
+        growing[..., :-1] += layout.of_pieces(ending)
+        dying[..., :-1] += layout.of_pieces(starting)
+    return _in_time(layout, growing, dying, lowest_power=3)
+
+
+def _to_ends(problem: Problem, layout: _Layout) -> tuple[Array, Array]:
+    """The powers of `σ` and of `1 − σ` from rest at every waypoint to the end states asked."""
+    start, end = problem.route.start, problem.route.end
+    slopes = np.zeros_like(layout.waypoints)
+    slopes[0], slopes[-1] = start.velocity, end.velocity
+    ending = np.zeros_like(layout.displacements)
+    starting = np.zeros_like(layout.displacements)
+    starting[0], ending[-1] = start.acceleration, end.acceleration
+    return _bent(layout, slopes, ending, starting)
 
 
 def _needed_share(

@@ -20,6 +20,7 @@ from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import Certificate, certified
 
 # All jumps of a joint's derivative together, relative to its scale: what rounding leaves. The
 # scale is the joint's limit times the largest use of a limit by any joint, so that neither a
@@ -153,6 +154,18 @@ def smoothness(problem: Problem, trajectory: Trajectory) -> Smoothness:
     )
 
 
+def of_certified(
+    problem: Problem, trajectory: Trajectory, certificate: Certificate
+) -> Smoothness | None:
+    """Return the integrals of a motion, slowed down as far as it needs; None with a flaw."""
+    if not certificate.valid:
+        return None
+    if certificate.dilation > 1 and not problem.route.dilatable:
+        slower = certified(problem, trajectory)
+        return None if slower is None else smoothness(problem, slower)
+    return smoothness(problem, trajectory).dilated(max(1.0, certificate.dilation))
+
+
 def _squared(trajectory: Trajectory, order: int) -> Array:
     """The integral of the squared derivative, `(joints,)`: Gauss's rule, exact for polynomials."""
     unit_pieces = trajectory.pieces(order)
@@ -167,11 +180,12 @@ def _jump(problem: Problem, trajectory: Trajectory, order: int) -> Jump | None:
     """The largest jump of a derivative; None if all jumps of each joint together are rounding."""
     pieces = trajectory.pieces(order)
     starts, stops = pieces[-1], pieces.sum(axis=0)
-    still = np.zeros((2, problem.joints))
+    route = problem.route
     scale = problem.largest_displacements
     if order == 0:
         still = np.stack([starts[0], stops[-1]])
     else:
+        still = np.stack([route.start[order - 1], route.end[order - 1]])
         known = problem.limits.in_all_segments()
         limit = np.abs((known.velocity, known.acceleration)[order - 1]).min(axis=1)
         scale = limit * (np.abs(polynomials.bernstein(pieces)).max(axis=(0, 1)) / limit).max()

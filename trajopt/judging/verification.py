@@ -15,13 +15,16 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
+from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, shown
 from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
+from trajopt.core.limits.limit import where
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
-_JUDGED: tuple[str, ...] = ()  # demands
+_JUDGED = END_STATES
+KEPT_RTOL = 1e-12  # rounding of a limit that a motion which cannot be dilated may use
 NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 
@@ -194,14 +197,15 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """The trajectory that has the certified duration.
 
     It is repaired where the given one missed or jumped within tolerance, and dilated where it then
-    breaks a limit. None where the given one has a flaw.
+    breaks a limit; where it is to begin or end in motion, it is the least slower one that is found
+    (`judging.slower`). None where the given one has a flaw.
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         certificate, judged = _judged(problem, trajectory, Tolerance())
     if not certificate.valid:
         return None
-    if certificate.dilation <= 1:
+    if certificate.dilation <= 1 or not problem.route.dilatable:
         return judged
     return judged.dilated(certificate.dilation)
 
@@ -237,7 +241,10 @@ def _judged(
     *,
     at_rest: bool = True,
 ) -> tuple[Certificate, Trajectory]:
-    """The certificate, and the trajectory that has its peaks: repaired, if that is possible."""
+    """The certificate, and the trajectory that has its peaks: repaired, if that is possible.
+
+    Where the route cannot be dilated it is the motion that has the certified duration.
+    """
     allowed = _allowed(problem, trajectory.duration, tolerance)
     waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
     jumps = []
@@ -275,6 +282,17 @@ def _judged(
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if overflowing:
         flaws.append("its peaks are not finite numbers")
+    if not problem.route.dilatable and at_rest and not flaws:
+        if dilation <= 1 + KEPT_RTOL:
+            dilation = min(dilation, 1.0)
+        else:
+            from trajopt.judging.slower import slower  # late: it needs parts of SciPy
+
+            found = slower(problem, judged, lambda own: _kept(problem, own, unjudged))
+            if found is None:
+                flaws.append(_not_slower(problem, uses))
+            else:
+                dilation, judged = found
     certificate = Certificate(
         duration=trajectory.duration,
         dilation=dilation,
@@ -285,6 +303,33 @@ def _judged(
         tolerance=tolerance,
     )
     return certificate, judged
+
+
+def _kept(problem: Problem, trajectory: Trajectory, unjudged: Collection[str]) -> Trajectory | None:
+    """The motion repaired, if it then keeps every limit."""
+    motion = repaired(problem, trajectory)
+    if motion is None:
+        return None
+    allowed = _allowed(problem, motion.duration, Tolerance()).position_limit
+    for key, limit in problem.limits.kinds.items():
+        if key in unjudged:
+            continue
+        use = limit.worst(motion)
+        if limit.flaw(use, allowed, problem) or not limit.dilation(use) <= 1 + KEPT_RTOL:
+            return None
+    return motion
+
+
+def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
+    """The sentence of a motion that breaks a limit, and has no slower one with its end states."""
+    kinds = problem.limits.kinds
+    key = max(uses, key=lambda key: kinds[key].dilation(uses[key]))
+    use = uses[key]
+    ends = [name for name in ("start", "end") if any(map(np.any, getattr(problem.route, name)))]
+    return (
+        f"{where(use, problem)}: {KINDS[key].name()} {KINDS[key].amount(use, problem)}, and no "
+        f"slower motion keeps the {' and '.join(ends)} velocity"
+    )
 
 
 @dataclass(frozen=True)
@@ -345,12 +390,14 @@ def _worst_jump(
 ) -> tuple[Worst, float]:
     """The worst jump of a derivative at any break, and its size over what is allowed.
 
-    Before and after the motion the robot rests at its first and last waypoint, if `at_rest`.
+    Before and after the motion the robot is at its first and last waypoint, in the states that the
+    route asks, if `at_rest`.
     """
     unit = trajectory.pieces(order)
-    still = np.zeros((2, problem.joints))
-    if order == 0:
-        still = problem.waypoints[[0, -1]]
+    route = problem.route
+    still = problem.waypoints[[0, -1]]
+    if order > 0:
+        still = np.array([route.start[order - 1], route.end[order - 1]])
     starts = unit[-1]
     stops = unit.sum(axis=0)
     if not at_rest:

@@ -5,7 +5,8 @@ of length `d_i`. It solves the linear program
 
     min Σ d_i |u_i − ū_i|        ū the planned one,
 
-subject to Taylor's formula from break to break, the waypoints, rest at both ends, and every limit.
+subject to Taylor's formula from break to break, the waypoints, the states at both ends (rest,
+unless others are given), and every limit.
 At the breaks the states themselves are bounded. Inside a piece the Bernstein coefficients of
 position and velocity are bounded: the polynomial stays between them (docs/mathematics.md,
 section 10).
@@ -32,8 +33,9 @@ Indices = NDArray[np.int_]
 _Inequalities = tuple["csr_array", Array]  # a matrix, and the right-hand side
 
 LIMIT_RTOL = 1e-5  # distance that the program keeps from each limit: its tolerance is smaller
+TOLERANCE = 1e-9  # of the solver, in the program's units
+LEAST_TOLERANCE = 1e-10  # the solver takes no smaller one
 CORRECTIONS = 3  # each reduces the misses to the rounding of the one before
-SOLVER_OPTIONS = {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,9 @@ class JointProgram:
         positions: The joint's waypoints, rad.
         limits: The joint's limits.
         planned: The planned derivative below `u` at the breaks, rad and s.
+        ends: Velocity (and acceleration, of order 3) at the start and at the end, rad and s,
+            `(2, order - 1)`; None at rest.
+        distance: What the program keeps from each limit, relative.
     """
 
     times: Array
@@ -60,10 +65,12 @@ class JointProgram:
     positions: Array
     limits: Limits
     planned: Array
+    ends: Array | None = None
+    distance: float = LIMIT_RTOL
 
     def solved(self) -> Array | None:
         """Position and the derivatives below `u` at the breaks, `(order, pieces + 1)`; or None."""
-        if not np.ptp(self.positions):
+        if not np.ptp(self.positions) and not self._ends[:, 1:].any():
             still = np.zeros((self.order, self._points))
             still[0] = self.positions[0]
             return still
@@ -81,6 +88,12 @@ class JointProgram:
         return len(self.times) - 1
 
     @cached_property
+    def _ends(self) -> Array:
+        """The states at the start and at the end, from position on, rad and s, `(2, order)`."""
+        rates = np.zeros((2, self.order - 1)) if self.ends is None else self.ends
+        return np.column_stack([self.positions[[0, -1]], rates])
+
+    @cached_property
     def _time_unit(self) -> float:
         shortest = np.diff(self.times).min()
         return float(np.sqrt(self.times[-1] * shortest))
@@ -89,7 +102,11 @@ class JointProgram:
     def _units(self) -> Array:
         """Units of position and its derivatives up to `u`, rad and s."""
         powers = np.arange(self.order + 1)
-        length = np.ptp(self.positions)
+        length = float(np.ptp(self.positions))
+        if self._ends[:, 1:].any():
+            rates = np.abs(self._ends[:, 1:]).max(axis=0).tolist()
+            length = max(length, rates[0] * self._time_unit)
+            length = length or rates[-1] * self._time_unit**2
         return np.asarray(length / self._time_unit**powers)
 
     @cached_property
@@ -111,7 +128,12 @@ class JointProgram:
             b_eq=np.zeros(dynamics.shape[0]),
             bounds=self._ranges(),
             method="highs",
-            options=SOLVER_OPTIONS,
+            options={
+                f"{side}_feasibility_tolerance": max(
+                    LEAST_TOLERANCE, min(TOLERANCE, self.distance / 10)
+                )
+                for side in ("primal", "dual")
+            },
         )
         if answer.status != 0:
             return None
@@ -143,18 +165,22 @@ class JointProgram:
         own = self.limits
         pairs = np.concatenate([own.position, own.velocity, own.acceleration, own.jerk])
         pairs[0] -= self.positions[0]
-        pairs[1:] *= 1 - LIMIT_RTOL
+        pairs[1:] *= 1 - self.distance
+        for kind in range(1, self.order):  # an end state may lie at its limit
+            low, high = pairs[kind]
+            given = self._ends[:, kind]
+            pairs[kind] = min(low, *given), max(high, *given)
         kinds = self.order + 1
         return np.asarray(pairs[:kinds] / self._units[:, None])
 
     def _ranges(self) -> Array:
-        """The range of every unknown: limits, rest at both ends, and the waypoints."""
+        """The range of every unknown: limits, the states at both ends, and the waypoints."""
         counts = [self._points] * self.order + [self._pieces]
         ranges = np.repeat(self._limits, counts, axis=0)
         states = ranges[: -self._pieces].reshape(self.order, self._points, 2)
         passed = (self.positions - self.positions[0]) / self._units[0]
         states[0, self.passing] = passed[:, None]
-        states[1:, [0, -1]] = 0.0
+        states[1:, [0, -1]] = (self._ends[:, 1:] / self._units[1 : self.order]).T[..., None]
         distances = np.tile([0.0, np.inf], (self._pieces, 1))
         return np.concatenate([ranges, distances])
 
@@ -206,7 +232,7 @@ class JointProgram:
     # ---- from the program's answer to exact states ------------------------------------------
 
     def _exact(self, rates: Array) -> Array:
-        """The states of the nearest rates that pass the waypoints and end at rest.
+        """The states of the nearest rates that pass the waypoints and end as they are to.
 
         They are summed from break to break, so that each piece is consistent to the last bit. Sums
         over the whole motion would round more, and the interpolation would magnify that rounding:
@@ -217,7 +243,7 @@ class JointProgram:
         passed = zip(self.passing, self.positions, strict=True)
         aims = [(row, 0, q) for row, q in passed][1:]
         for kind in range(1, self.order):
-            aims.append((self._pieces, kind, 0.0))
+            aims.append((self._pieces, kind, self._ends[1, kind]))
         scales = []
         responses = []
         for row, kind, _ in aims:
@@ -250,7 +276,7 @@ class JointProgram:
     def _states(self, rates: Array) -> Array:
         """Position and derivatives at the breaks, by Taylor's formula from each to the next."""
         states = np.zeros((self.order + 1, self._points))
-        states[0, 0] = self.positions[0]
+        states[: self.order, 0] = self._ends[0]
         states[self.order, :-1] = rates
         for piece, length in enumerate(np.diff(self.times)):
             for kind in range(self.order):
