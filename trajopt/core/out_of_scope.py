@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 
 SCOPE = (
-    "In scope: waypoints in a fixed order, passed exactly, from rest to rest or between states that "
-    "are asked, on any path between them; limits of velocity, acceleration, jerk and position per "
-    "joint; motions as a controller executes them. Not in scope: obstacles, torques, tool speed, orientation."
+    "In scope: waypoints in a fixed order, passed exactly, from rest to rest or between states "
+    "that are asked, on any path between them; limits of velocity, acceleration, jerk and position "
+    "per joint; motions as a controller executes them. Not in scope: obstacles, torques, tool "
+    "speed, orientation."
 )
 # An expression of words (`max_torque`, `tcp_speed`), and the sentence for whoever writes one.
 _SPEED = (

@@ -148,7 +148,6 @@ class _Search:
             own = self._of_joint(joint, slower, times)
             if own is None:
                 return None
-            # rows of higher powers are the given motion's
             coefficients = np.array(coefficients)
             coefficients[..., joint] = 0.0
             padded = np.zeros((len(own), *coefficients.shape[1:]))
