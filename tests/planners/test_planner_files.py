@@ -242,11 +242,17 @@ def test_with_json_what_a_planner_prints_goes_to_standard_error(
 
 def test_a_name_that_is_given_is_the_label(file):
     planner = load(f"{file}:Slow:factor=3")
-    given = {
-        "Ours (tripled)": "Ours (tripled)",
-        "exact": "exact:factor=3.0",  # never taken for the reference of this name
-    }
-    for name, label in given.items():
+    for name in ("Ours (tripled)", "Ours: tripled"):
         entrant = Configuration.given((name, planner)).entrant
-        assert (entrant.name, entrant.label) == (name, label)
+        assert (entrant.name, entrant.label) == (name, name)
     assert Configuration.given(f"{file}:Slow:factor=3").entrant.label == "Slow:factor=3.0"
+
+
+def test_no_planner_has_the_name_of_a_registered_one(file):
+    """Gaps are measured against `exact`: another one of that name would be its own reference."""
+    own = load(f"{file}:Slow")
+    for name in ("exact", "exact:", "exact:mine", "certify", "pso"):
+        with pytest.raises(InvalidInput, match=r"a name of its own: '\w+' is a reg"):
+            Configuration.given((name, own))
+    smaller = Configuration.given(("pso", load("pso:population=10"))).entrant
+    assert (smaller.name, smaller.label) == ("pso", "pso:population=10")

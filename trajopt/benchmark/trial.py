@@ -22,7 +22,7 @@ import numpy as np
 
 from trajopt.benchmark.provenance import Code, code_of, plain, provenance
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidTrajectory, MissingBackend, shown
+from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, MissingBackend, shown
 from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
@@ -47,6 +47,7 @@ class Trial:
     `setup_time` are wall seconds without and for what later calls need not do again: importing what
     the planner requires, and building what it keeps. Of a batch of `batch` runs solved together,
     each has its share. `asked` is when a later comparison kept it in place of newer code's trials.
+    `differences` is what a file stated of it and this installation's judge did not find.
     """
 
     problem: Problem
@@ -65,6 +66,7 @@ class Trial:
     started: str
     provenance: Mapping[str, str]
     asked: str = ""
+    differences: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         verdict = str(self.status)
@@ -260,14 +262,31 @@ class Configuration:
         """Configure a planner, a registered one by its name, or a pair of a name and a planner.
 
         A name that is given is the label, without options, unless a registered planner has it.
+
+        Raises:
+            InvalidInput: As `of` does, or another planner is registered by this name: `exact` is a
+                reference by its name.
         """
         if isinstance(planner, str):
             name, loaded = named(planner)
             return cls.of(loaded, name)
         if isinstance(planner, tuple):
             name, own = planner
-            return cls.of(own, name, "" if name in entries() else name)
-        return cls.of(planner)
+            found = cls.of(own, name, "" if name in entries() else name)
+        else:
+            found = cls.of(planner)
+        _check_name(found)
+        return found
+
+
+def _check_name(own: Configuration) -> None:
+    """Refuse the name of a registered planner for another one, also with options after it."""
+    name = own.entrant.name
+    registered = name.partition(":")[0]
+    entry = entries().get(registered)
+    if entry is not None and (name != registered or type(entry.load()) is not type(own.planner)):
+        right = f"a name of its own: {registered!r} is a registered planner"
+        raise InvalidInput("planner", right, value=name)
 
 
 @dataclass(frozen=True)

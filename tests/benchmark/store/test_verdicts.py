@@ -11,9 +11,11 @@ from trials import PROBLEM, Stopping, assert_same, forged, solved
 from trajopt import Status, compare
 from trajopt.benchmark.store import trial_text, verdicts
 from trajopt.benchmark.store.folder import Store, Unheld, read
+from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
+from trajopt.views import report
 from trajopt.views.results import Results
 
 
@@ -49,6 +51,8 @@ def test_a_forged_verdict_is_shown_as_computed_and_counted(tmp_path, place):
         (shown,) = results.items
         assert_same(shown.certificate, true.certificate)
         assert results.trials()["certified_duration"].item() == true.certified_duration
+        page = report.write(results, tmp_path / "page.html").read_text(encoding="utf-8")
+        assert "1 of 1 trials do not hold what their files state" in page
 
 
 @pytest.mark.parametrize(
@@ -148,3 +152,14 @@ def test_a_kept_trial_that_does_not_hold_runs_again(tmp_path):
     (again,) = (one for one in second.items if one.planner == "mine")
     assert_same(again.certificate, mine.certificate)
     assert [one.id for one in read(Path(tmp_path / "r")) if one.planner == "mine"] == [mine.id]
+
+
+@pytest.mark.parametrize("name", ["a:b", "run 12:30.csv", ":"])
+def test_a_name_with_a_colon_holds_and_is_kept(tmp_path, name):
+    """A label is the name, and a colon and options where there are some."""
+    for kept in (None, 3):
+        found = compare([PROBLEM], [(name, Stopping())], tmp_path / "r")
+        assert (found.kept and found.kept.count) == kept
+    (own,) = (trial for trial in found.items if trial.planner == name)
+    assert (own.label, own.differences) == (name, ())
+    assert verification(tmp_path / "r").holds

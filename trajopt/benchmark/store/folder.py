@@ -160,7 +160,7 @@ class Store:
         found = [known.read(path, damaged.append) for path in _trial_files(self.folder)]
         _warn(damaged)
         pairs = [pair for pair in found if pair is not None]
-        trials = [found.trial for found in verdicts.judged(pairs)]
+        trials = list(verdicts.judged(pairs))
         texts = [text for _, text in pairs]
         return results_file.content(trials, texts, references)
 
@@ -208,9 +208,9 @@ class Store:
         found = Seen()
         judged = verdicts.judged((trial, written.text) for written, trial in stored)
         unheld = 0
-        for (written, _), (trial, differences) in zip(stored, judged, strict=True):
-            unheld += bool(differences)
-            if not differences:
+        for (written, _), trial in zip(stored, judged, strict=True):
+            unheld += bool(trial.differences)
+            if not trial.differences:
                 found.keep(written, trial)
         _warn_of_unheld(self.folder, unheld, len(stored))
         return found
@@ -251,7 +251,7 @@ class Seen:
         if trusted:
             verdicts.trust(self._written[trial_id].text for trial_id in self._added)
         pairs = [(trial, self._written[trial_id].text) for trial_id, trial in self.trials.items()]
-        self.trials = {trial.id: trial for trial, _ in verdicts.judged(pairs)}
+        self.trials = {trial.id: trial for trial in verdicts.judged(pairs)}
 
     def keep(self, one: Written, trial: Trial) -> None:
         """Keep a file, and the trial in it."""
@@ -327,9 +327,8 @@ def _stored(path: Path, use: Callable[[bytes], T], damaged: OnDamage) -> Iterato
 def _judged(path: Path | str, pairs: Iterable[tuple[Trial, bytes]]) -> list[Trial]:
     """Return trials with computed verdicts, and warn of those that state others."""
     found = list(verdicts.judged(pairs))
-    unheld = sum(bool(differences) for _, differences in found)
-    _warn_of_unheld(path, unheld, len(found))
-    return [trial for trial, _ in found]
+    _warn_of_unheld(path, sum(bool(trial.differences) for trial in found), len(found))
+    return found
 
 
 def _warn_of_unheld(path: Path | str, unheld: int, count: int) -> None:
@@ -355,9 +354,9 @@ def misstated(path: Path, references: References) -> list[str]:
     with _reading(file):
         pairs = list(map(_both, results_file.read(file)))
         trials = []
-        for (then, _), (now, differences) in zip(pairs, verdicts.judged(pairs), strict=True):
+        for (then, _), now in zip(pairs, verdicts.judged(pairs), strict=True):
             # another machine may find another joint at the same use of a limit
-            trials.append(now if differences else then)
+            trials.append(now if now.differences else then)
         return results_file.differences(file, trials, references)
 
 

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -37,15 +37,8 @@ _MAX_KEPT = 100_000  # verdicts in the cache, the newest ones
 _MAX_AGE_S = 30 * 86400.0  # of another judge's cache
 
 
-class JudgedTrial(NamedTuple):
-    """A stored trial with the verdict of this installation's judge, and what does not hold."""
-
-    trial: Trial
-    differences: tuple[str, ...]
-
-
-def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[JudgedTrial]:
-    """Yield trials, each given with its text, with their computed verdicts."""
+def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[Trial]:
+    """Yield trials, each given with its text, with their computed verdicts and differences."""
     known = _kept()
     new: dict[str, Any] = {}
     for trial, text in pairs:
@@ -55,7 +48,7 @@ def judged(pairs: Iterable[tuple[Trial, bytes]]) -> Iterator[JudgedTrial]:
         except Exception:  # not there, or not what this module wrote
             found = _computed(trial)
             table = _table(found)
-            new[digest] = None if table == _table(JudgedTrial(trial, ())) else table
+            new[digest] = None if table == _table(trial) else table
             yield found
     if new:
         _keep(known | new)
@@ -75,7 +68,7 @@ def again(trial: Trial) -> Trial:
 def changed(then: Trial, now: Trial) -> list[str]:
     """Name the stated values that differ from the computed ones."""
     found = []
-    if then.label.partition(":")[0] != then.planner:
+    if not _is_labelled(then):
         found.append(_difference("label", then.planner, then.label))
     for name in ("status", "feasible", "certified_duration", "dilation"):
         new = getattr(now, name)
@@ -95,17 +88,22 @@ def changed(then: Trial, now: Trial) -> list[str]:
     return found
 
 
-def _computed(then: Trial) -> JudgedTrial:
+def _computed(then: Trial) -> Trial:
     now = again(then)
     differences = changed(then, now)
-    if then.label.partition(":")[0] != then.planner:
+    if not _is_labelled(then):
         now = replace(now, label=then.planner)
     if then.planner in PROVERS and then.lower_bound is not None:
         word, unproved = proofs.rechecked(then)
         if word != proofs.PROVED_AGAIN:
             differences += unproved or [f"lower bound: {word}"]
             now = replace(now, solution=replace(now.solution, lower_bound=_proved(then)))
-    return JudgedTrial(now, tuple(differences))
+    return replace(now, differences=tuple(differences))
+
+
+def _is_labelled(trial: Trial) -> bool:
+    """Return whether the label is the planner's name, with options or without."""
+    return f"{trial.label}:".startswith(f"{trial.planner}:")
 
 
 def _proved(trial: Trial) -> float | None:
@@ -142,29 +140,28 @@ def _said(value: Any) -> str:
 # --- what was computed before ---
 
 
-def _table(found: JudgedTrial) -> dict[str, Any]:
+def _table(trial: Trial) -> dict[str, Any]:
     """Return a verdict in JSON's terms."""
-    trial = found.trial
     return {
         "status": str(trial.status),
         "message": trial.message,
         "label": trial.label,
         "lower_bound": trial.lower_bound,
         "certificate": trial_text.certificate_table(trial.certificate),
-        "differences": list(found.differences),
+        "differences": list(trial.differences),
     }
 
 
-def _remembered(then: Trial, table: Mapping[str, Any] | None) -> JudgedTrial:
+def _remembered(then: Trial, table: Mapping[str, Any] | None) -> Trial:
     """Return a trial with the verdict in the table; with the stated one if that was confirmed."""
     if table is None:
-        return JudgedTrial(then, ())
+        return then
     own = {name: table[name] for name in ("message", "label")}
     certificate = trial_text.certificate_of(table["certificate"], then.problem)
     solution = replace(then.solution, lower_bound=table["lower_bound"])
     status = Status(table["status"])
-    now = replace(then, status=status, certificate=certificate, solution=solution, **own)
-    return JudgedTrial(now, tuple(table["differences"]))
+    own["differences"] = tuple(table["differences"])
+    return replace(then, status=status, certificate=certificate, solution=solution, **own)
 
 
 def _file() -> Path:

@@ -145,6 +145,18 @@ class Page:
         return rows
 
     @cached_property
+    def unheld(self) -> str:
+        """How many trials do not hold what their files state: those are shown as computed."""
+        trials = self.results.items
+        count = sum(bool(trial.differences) for trial in trials)
+        if not count:
+            return ""
+        return (
+            f"{count} of {len(trials)} trials do not hold what their files state: they are shown "
+            "as this installation's judge finds them (trajopt verify names them)."
+        )
+
+    @cached_property
     def single(self) -> bool:
         """Whether the page is about one problem: no profile, no shares of problems."""
         return len(self.problems) == 1
