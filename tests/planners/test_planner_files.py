@@ -251,7 +251,7 @@ def test_a_name_that_is_given_is_the_label(file):
 def test_no_planner_has_the_name_of_a_registered_one(file):
     """Gaps are measured against `exact`: another one of that name would be its own reference."""
     own = load(f"{file}:Slow")
-    for name in ("exact", "exact:", "exact:mine", "certify", "pso"):
+    for name in ("exact", "exact:", "exact:mine", "prove", "pso"):
         with pytest.raises(InvalidInput, match=r"a name of its own: '\w+' is a reg"):
             Configuration.given((name, own))
     smaller = Configuration.given(("pso", load("pso:population=10"))).entrant
