@@ -515,7 +515,7 @@ def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
     assert code == 0
     assert max(len(line) for line in lines if str(tmp_path) not in line) <= 80
     row = next(line.split() for line in lines if line.startswith("pso"))
-    assert row[1:6] == ["1", "3", "of", "3", "0"]  # it supports one problem of the two
+    assert row[1:6] == ["1", "1", "3", "of", "3"]  # one of the two problems does not apply
     assert str(tmp_path / "report.html") in lines[-1]
     assert "</html>" in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "figures").exists()

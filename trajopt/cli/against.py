@@ -20,8 +20,8 @@ _PAIRED_MEANING = (
     "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
     "Both answer: without the problems on which one has no answer. p: Wilcoxon's signed ranks, "
     "problems of one arm, paper or random family counting as one; by Holm for the rows of this "
-    "table. Proved: a lower bound decides. Families: fewer than six cannot be tested. Shorter: "
-    "chance that a run of it is shorter, with its 95 % interval."
+    "table. Proved: a lower bound decides, on all problems or on so many. Families: fewer than six "
+    "cannot be tested. Shorter: chance that a run of it is shorter, with its 95 % interval."
 )
 _SEEDS_MEANING = (
     "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for the "

@@ -12,16 +12,16 @@ from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.results import Results
 
 _MEANING = """\
-Problems: what the planner supports. Solved, failed, relaxed: runs on these.
-Relaxed motions break limits which their planner ignores.
+Problems: those that count for a planner. Not those that do not apply (n/a): it
+refuses them, or answers without some of the limits. Solved, failed: runs.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
 _PAIRED = "There: the gap of {} on the same problems; lines of different problems compare by it."
 _CELLS = {
     "problems": "problems",
+    "not_applicable": "n/a",
     "solved": "solved",
     "failed": "failed",
-    "relaxed": "relaxed",
     "gap": "gap %",
     "there": "there %",
     "worst": "worst %",

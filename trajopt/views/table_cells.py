@@ -5,7 +5,7 @@ A row is one of a frame of `Results`: of `summary`, `planners`, `paired` or `bet
 
 from __future__ import annotations
 
-from math import floor, isinf, isnan, log10
+from math import comb, floor, isinf, isnan, log10
 from typing import Any
 
 MISSING = "–"
@@ -103,12 +103,12 @@ def of_summary(row: Any) -> Cells:
 
 
 def of_planner(row: Any) -> Cells:
-    """The cells of a planner, over the problems that it supports."""
+    """The cells of a planner, over the problems on which its answers count."""
     return {
-        "problems": str(row.problems),
+        "problems": str(row.counted),
+        "not_applicable": str(row.not_applicable),
         "solved": f"{row.solved} of {row.solved + row.failed}",
         "failed": str(row.failed),
-        "relaxed": str(row.relaxed),
         "gap": gap(row.gap),
         "worst": gap(row.worst),
         "there": gap(row.there),
@@ -136,11 +136,23 @@ def evidence(row: Any) -> str:
     """
     if getattr(row, "proved", False):
         return "proved"
-    groups = getattr(row, "groups", FEWEST_GROUPS)
-    if groups < FEWEST_GROUPS:
-        families = "one family" if groups == 1 else f"{groups} families"
-        return f"{families}: cannot be tested"
-    return "yes" if row.holm < SURE else "not shown"
+    if row.holm < SURE:
+        return "yes"
+    if decided := getattr(row, "decided", 0):
+        return f"proved on {decided:.0f} of {row.problems:.0f}"
+    too_few = _too_few(row)
+    return f"{too_few}: cannot be tested" if too_few else "not shown"
+
+
+def _too_few(row: Any) -> str:
+    """Name what is so few that no test has a p below `SURE`; empty if there is enough of it."""
+    groups = getattr(row, "groups", None)
+    if groups is None:  # runs on one problem: all of one before all of the other
+        smallest = 2 / comb(round(row.runs + row.rival_runs), round(row.runs))
+        return "" if smallest < SURE else f"{row.runs:.0f} against {row.rival_runs:.0f} runs"
+    if groups >= FEWEST_GROUPS:
+        return ""
+    return "one family" if groups == 1 else f"{groups:.0f} families"
 
 
 def reference(row: Any) -> str:

@@ -13,6 +13,7 @@ from statsmodels.stats.multitest import multipletests
 
 from trajopt.views import table_cells
 from trajopt.views.analysis.pairwise import (
+    against,
     between_seeds,
     mean_ranks,
     medians,
@@ -311,6 +312,26 @@ def proved(own, theirs, bounds):
 )
 def test_a_bound_decides_where_it_can(own, theirs, bounds, decided):
     assert bool(proved(own, theirs, bounds)["proved"]) == decided
+
+
+def test_what_is_proved_on_some_problems_is_not_denied():
+    """On the third problem the bound is far below, so that it decides nothing there."""
+    row = proved([1.0, 1.0, 1.0], [2.0, 3.0, 1.5], [1.0, 1.0, 0.5])
+    assert (row["proved"], row["decided"]) == (0, 2)
+    assert table_cells.evidence(row) == "proved on 2 of 3"
+    row = proved([1.0, 3.0, 1.0], [2.0, 1.0, 1.0], [1.0, 1.0, 1.0])  # one each, and a tie
+    assert (row["proved"], row["decided"]) == (0, 2)
+
+
+def test_what_is_proved_is_not_tested():
+    """Of three pairs two are proved, so one is tested: its p is not multiplied."""
+    table = runs(a=[[1.0], [1.0]], b=[[2.0], [2.0]], c=[[2.5], [2.5]])
+    known = pd.Series(1.0, index=table["digest"].unique())
+    found = paired_tests(pairs_by_problem(table, known))
+    assert found["proved"].tolist() == [1, 1, 1, 0, 1, 0]
+    assert np.isnan(found.loc[("a", "b"), "holm"])
+    assert found.loc[("b", "c"), "holm"] == found.loc[("b", "c"), "pvalue"] == 0.5
+    assert np.isnan(against(found, "a")["holm"]).all()
 
 
 def test_what_one_family_cannot_test_is_said_so():

@@ -10,6 +10,8 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Origin, made
 from trajopt.benchmark.trial import trials_of
 from trajopt.planners.planner import Planner
+from trajopt.planners.registry import load
+from trajopt.views import table_cells
 from trajopt.views.analysis.gap_reference import improvements
 from trajopt.views.results import Results
 
@@ -91,3 +93,12 @@ def test_an_answer_below_the_record_is_an_improvement_once(recorded):
     assert improvements(run("exact", 1.5 * (1 - 1e-7))) == []
     recorded(1.4, 1.3)
     assert improvements(trials) == []
+
+
+def test_a_bound_in_closed_form_counts_where_it_closes_the_problem():
+    """1 rad at 10 rad/s and 100 rad/s² takes 2 √(1/100) = 0.2 s; 1.4 s are far above it."""
+    fast = judge(load("exact"), PROBLEM, [0], "exact")
+    [row] = Results(fast).references().itertuples()
+    assert (row.reference, row.proved) == pytest.approx((0.2, 0.2), rel=1e-6)
+    assert "proved within 0.000 % (lower bound 0.200000 s)" in table_cells.reference(row)
+    assert np.isnan(Results(run("exact", 1.4)).references()["proved"]).all()

@@ -107,7 +107,7 @@ def header(script: Script, title: str) -> int:
     column: int = script(
         """const buttons = [...document.querySelectorAll('#result-table button')];
         const button = buttons.find((b) => b.textContent === args[0]);
-        button.click(); return Number(button.dataset.column)""",
+        button.click(); return button.parentNode.cellIndex""",
         title,
     )
     return column
@@ -151,6 +151,46 @@ def test_sorting_is_by_number_both_ways_and_none_comes_last(script: Script) -> N
     column = header(script, "planner")
     names = script(COLUMN, column)
     assert names == sorted(names, key=str.casefold)
+
+
+def test_every_table_is_sorted_by_its_headings(script: Script) -> None:
+    """Numbers as numbers, − as a sign, none last; of planners by name."""
+    click = """const table = document.getElementById(args[0]);
+        const found = [...table.querySelectorAll('thead button')];
+        found.find((b) => b.textContent === args[1]).click();
+        const column = found.findIndex((b) => b.textContent === args[1]);
+        return [...table.tBodies[0].rows].map((r) => r.cells[column].textContent.trim())"""
+    for _ in range(2):  # up, and down again
+        gaps = script(click, "planner-table", "median gap (%)")
+        known = [float(text.replace("−", "-")) for text in gaps if text[-1].isdigit()]
+        assert len(set(known)) > 1
+        assert known == sorted(known, reverse=bool(_))
+    names = script(click, "planner-table", "planner")
+    assert names == sorted(names, key=str.casefold)
+
+
+def test_a_table_is_one_tab_stop_and_arrow_keys_move_in_it(script: Script) -> None:
+    stops = """return [...document.querySelectorAll('table.sortable, .legend')]
+        .filter((box) => box.checkVisibility())
+        .map((box) => [...box.querySelectorAll('a, button, summary')]
+            .filter((own) => own.tabIndex >= 0 && own.checkVisibility()).length)"""
+    counts = script(stops)
+    assert len(counts) >= 4
+    assert set(counts) == {1}
+    moved = """const table = document.getElementById('result-table');
+        table.querySelector('[tabindex="0"]').focus();
+        const at = () => [document.activeElement.closest('tr').rowIndex,
+            document.activeElement.textContent];
+        return [at(), ...args[0].map((key) => {
+            document.activeElement.dispatchEvent(
+                new KeyboardEvent('keydown', { key, bubbles: true }));
+            return at();
+        })]"""
+    seen = script(moved, ["ArrowRight", "ArrowLeft", "ArrowLeft", "ArrowDown", "ArrowUp"])
+    assert [text for _, text in seen[:4]] == ["problem", "planner", "problem", "problem"]
+    assert seen[4][0] > 0
+    assert seen[5] == seen[0]
+    assert set(script(stops)) == {1}
 
 
 def test_filters_hide_rows_and_say_how_many(script: Script, results: Results) -> None:
@@ -448,9 +488,13 @@ def test_runs_on_one_problem_are_compared_by_mann_and_whitney(
     test = stats.mannwhitneyu(mine, other, method="exact")
     assert float(chance.split()[0]) == pytest.approx(test.statistic / 16, abs=0.0051)
     assert float(p) == pytest.approx(test.pvalue, rel=0.006)  # one pair: nothing to adjust
-    open_rivals(CHOOSE, "against", "slow")
-    assert open_rivals(LINES, "seed-table") == []
-    assert open_rivals("return document.getElementById('no-rival').checkVisibility()")
+    assert not open_rivals("return document.getElementById('no-rival').checkVisibility()")
+    open_rivals(
+        CHOOSE, "against", "slow"
+    )  # which runs once: another takes its place, and it is said
+    assert open_rivals(LINES, "seed-table")[0][0] == "other"
+    said = open_rivals("return document.getElementById('no-rival').parentNode.innerText")
+    assert said == "Every planner with several runs against mine, as slow has one run there."
 
 
 def test_some_differences_are_real_and_some_are_not(open_rivals: Script) -> None:

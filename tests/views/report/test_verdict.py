@@ -5,9 +5,13 @@ from __future__ import annotations
 import re
 
 import pytest
+from markupsafe import Markup
 
-from trajopt import Results, compare
+from trajopt import Limits, Problem, Results, compare
+from trajopt.benchmark.trial import judge
+from trajopt.planners.registry import load
 from trajopt.views import report
+from trajopt.views.report import verdict
 
 
 @pytest.fixture(scope="module")
@@ -25,13 +29,29 @@ def page(one, tmp_path_factory):
 
 def test_the_first_sentence_says_how_far_above_the_proved_optimum(page, one):
     """`one-joint`: 1.5 rad at 1 rad/s and 2 rad/s² takes 1.5 + 0.5 = 2 s; stops take 2.9939 s."""
-    [verdict] = re.findall(r'<p class="lead verdict">(.*?)</p>', page)
+    [said] = re.findall(r'<p class="lead verdict">(.*?)</p>', page)
     gaps = one.gaps().groupby("label")["gap"].median()
     stops = 100 * gaps["ruckig-stop"]
-    assert f"Ruckig with stops {stops:.1f} %" in verdict
-    assert "PSO + 3-5-3" in verdict
-    assert "(median)" in verdict
-    assert re.search(r"above the (proved|best known) 2\.0000 s", verdict)
+    assert f"Ruckig with stops {stops:.1f} %" in said
+    assert "PSO 72" in said
+    assert "(median)" in said
+    assert said.endswith("above the proved 2.0000 s.")
+
+
+def test_a_duration_is_proved_where_the_bound_is_near():
+    """Two joints whose optimum is 2 % above the bound in closed form, and no record."""
+    far = Problem([[0.0, 0.0], [1.0, 0.3], [1.2, 1.0]], Limits([1.0] * 2, [1.0] * 2), "far")
+    trials = [judge(load(name), far, [0], name)[0] for name in ("exact", "ruckig-stop")]
+    assert "the best known" in verdict.of_problem(Results(trials))
+    assert "not proved" in verdict.of_problem(Results(trials))
+
+
+def test_no_line_ends_within_3_5_3():
+    assert report._whole("best 3-5-3 spline") == 'best <span class="whole">3-5-3</span> spline'
+    kept = '<a title="3-5-3">3-5</a> &lt;3-5-3'
+    assert report._whole(Markup(kept)) == kept.replace(
+        ";3-5-3", ';<span class="whole">3-5-3</span>'
+    )
 
 
 def test_one_problem_has_no_profile_and_no_shares(page):

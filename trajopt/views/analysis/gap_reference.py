@@ -15,11 +15,12 @@ from math import inf, isnan, nan
 from typing import Literal
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM
+from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM, CLOSED_WITHIN
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.planners.planner import Relation
+from trajopt.planners.rest_to_rest import end_to_end_bound
 from trajopt.views.analysis.versions import by_problem, newest
 
 Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
@@ -38,7 +39,8 @@ class Reference:
             `best known`, where the recorded motion is shorter than these; `relaxed`, where none
             knows all limits, the largest of what they found without the limits that they ignore;
             `lower bound`, where more than that is proved.
-        proved: No trajectory is faster, s; NaN where nothing was proved.
+        proved: No trajectory is faster, s; NaN where nothing was proved. The bound in closed form
+            counts where the reference is within `CLOSED_WITHIN` of it.
         recorded: Where the recorded motion comes from, if it is the reference.
         recorded_proof: Where the recorded lower bound comes from, if it is the highest.
     """
@@ -54,8 +56,9 @@ def references(trials: Iterable[Trial]) -> dict[str, Reference]:
     """Return the reference of every problem, by its digest, where there is one."""
     found = {}
     for digest, own in by_problem(trials).items():
+        problem = own[0].problem
         computed = _computed(own)
-        reference = _with_record(computed, own[0].problem)
+        reference = _with_closed_form(_with_record(computed, problem), problem)
         if not isnan(reference.duration):
             found[digest] = reference
     return found
@@ -124,6 +127,17 @@ def _with_record(reference: Reference, problem: Problem) -> Reference:
     if duration is None:
         return reference
     return replace(reference, duration=duration, kind="best known", recorded=str(record.motion))
+
+
+def _with_closed_form(reference: Reference, problem: Problem) -> Reference:
+    """Replace the proved bound by the one in closed form, where that closes the problem."""
+    if reference.kind not in OPTIMA:
+        return reference
+    bound = end_to_end_bound(problem)
+    closes = reference.duration < bound * (1 + CLOSED_WITHIN)
+    if not closes or bound <= reference.proved:
+        return reference
+    return replace(reference, proved=bound, recorded_proof="")
 
 
 def _duration(trial: Trial) -> float:

@@ -3,7 +3,7 @@
     Results("results").planners()
 
 Problems that a planner does not support, or answers without some of the limits, do not count for
-it: not in tables, and not in curves (`competing`).
+it, neither as solved nor as failed: not in tables, and not in curves (`competing`).
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
 
     Columns:
         problems: that it supports.
+        counted: of these, those on which an answer of it counts.
+        not_applicable: problems that it refused, or answered without some of the limits.
         proved: of these problems, those whose reference is proved: no motion is faster by 0.1 % or
             more, by this run's proof or that of a record.
         trials, solved, relaxed, failed: trials on them; of these those that are solved, those whose
@@ -98,6 +100,8 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
     broke_limits = solved[~kept]
     return {
         "problems": tried["digest"].nunique(),
+        "counted": answers["digest"].nunique(),
+        "not_applicable": runs["digest"].nunique() - answers["digest"].nunique(),
         "proved": _proved(tried),
         "trials": len(tried),
         "solved": len(solved),

@@ -37,6 +37,7 @@ _PAIRED_COLUMNS = [
     "high",
     "pvalue",
     "proved",
+    "decided",
     "both",
     "both_better",
     "both_tied",
@@ -171,10 +172,14 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
             in the middle; 0 or +inf where only one has an answer, NaN between the two.
         chance, low, high: mean over groups of the chance that its run is the shorter, and a 95 %
             interval (`statistics.mean_interval`).
-        proved: 1 where proved lower bounds decide the difference, without a test (`_proved`), or 0.
+        proved: 1 where proved lower bounds decide the difference, without a test, or 0: one is
+            shorter wherever they differ, and each of these problems is `decided`.
+        decided: problems on which the shorter one is within `CLOSED_WITHIN` of the proved bound,
+            and the other further above it than a faster motion could be.
         pvalue: of Wilcoxon's signed-rank test over groups of problems on log ratios; where only one
             has an answer, the ratio is the largest of all.
-        holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
+        holm: the same, adjusted for every pair of the table that is tested, each counted once (Holm
+            1979); NaN for what is proved.
         both: problems on which the medians of both are finite; `both_better`, `both_tied`,
             `both_worse`, `both_ratio`, `both_pvalue` and `both_holm` are those above on them;
             without such problems the ratio is NaN and p is 1.
@@ -217,13 +222,13 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
 def against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
     """The rows of `paired_tests` or `between_seeds` against one rival, the fastest first.
 
-    p is adjusted for these rows only; empty if the rival has no pair.
+    p is adjusted for those of these rows that are tested; empty if the rival has no pair.
     """
     met = pairs.index.get_level_values("against") == rival
     rows = pairs[met].droplevel("against")
     for name in ("holm", "both_holm"):
         if name in rows:
-            rows[name] = statistics.holm(rows[name.replace("holm", "pvalue")])
+            rows[name] = _adjusted(rows, name.replace("holm", "pvalue"))
     return rows.sort_values("ratio", kind="stable", na_position="last")
 
 
@@ -235,10 +240,17 @@ def _both_ways(rows: dict[Any, dict[str, float]], columns: list[str]) -> pd.Data
     else:
         table.index = pd.MultiIndex.from_arrays([[], []], names=KEYS)
     for pvalue in [name for name in columns if name.endswith("pvalue")]:
-        adjusted = statistics.holm(table[pvalue])
         place = table.columns.get_loc(pvalue) + 1
-        table.insert(place, pvalue.replace("pvalue", "holm"), adjusted)
+        table.insert(place, pvalue.replace("pvalue", "holm"), _adjusted(table, pvalue))
     return pd.concat([table, _mirrored(table)]).sort_index()
+
+
+def _adjusted(table: pd.DataFrame, pvalue: str) -> pd.Series[float]:
+    """Return a column of p-values adjusted for the rows that are tested; NaN for those proved."""
+    tested = table[pvalue]
+    if "proved" in table:
+        tested = tested[table["proved"] == 0]
+    return pd.Series(statistics.holm(tested), tested.index).reindex(table.index)
 
 
 def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
@@ -263,6 +275,8 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
     test = statistics.wilcoxon(own, theirs, of_group)
     chance = statistics.mean_interval(group["chance"], of_group)
     answered = np.isfinite(own) & np.isfinite(theirs)
+    decided = _decided(group)
+    one_side = min(test.wins, test.losses) == 0 and test.ties < len(group)
     return {
         "problems": len(group),
         "groups": len(set(of_group)),
@@ -274,23 +288,23 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
         "low": chance.low,
         "high": chance.high,
         "pvalue": test.pvalue,
-        "proved": float(_proved(group)),
+        "proved": float(one_side and decided == test.wins + test.losses),
+        "decided": decided,
     } | _both_answer(own[answered], theirs[answered], of_group[answered])
 
 
-def _proved(group: pd.DataFrame) -> bool:
-    """Tell if one planner is shorter on every problem of a pair, but for ties, by a proof.
+def _decided(group: pd.DataFrame) -> int:
+    """Count the problems of a pair whose proved bound tells which planner is shorter.
 
-    It is on a problem where its duration is within `CLOSED_WITHIN` of the proved bound, and the
-    other's median is further above it than a motion faster than it could be.
+    The shorter median is within `CLOSED_WITHIN` of the bound, and the other is further above it
+    than a motion faster than it could be.
     """
-    apart = group[group["own"] != group["theirs"]]
-    shorter = apart[["own", "theirs"]].min(axis=1)
-    longer = apart[["own", "theirs"]].max(axis=1)
-    open_ratio = shorter / apart["bound"]
+    medians = group[["own", "theirs"]]
+    shorter = medians.min(axis=1)
+    longer = medians.max(axis=1)
+    open_ratio = shorter / group["bound"]
     decided = (open_ratio < 1 + CLOSED_WITHIN) & (longer / shorter > open_ratio)
-    one_side = (apart["own"] < apart["theirs"]).nunique() == 1
-    return bool(len(apart) and one_side and decided.all() and np.isfinite(longer).all())
+    return int((decided & (shorter < longer) & np.isfinite(longer)).sum())
 
 
 def _both_answer(own: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:

@@ -37,11 +37,11 @@ KNOWN = (
 SPOKEN = {
     "toppra": "TOPP-RA",
     "ruckig-stop": "Ruckig with stops",
-    "ruckig-search": "Ruckig, searched waypoints",
+    "ruckig-search": "Ruckig with searched waypoints",
     "issa": "ISSA + 3-5-3",
     "ssa": "SSA + 3-5-3",
     "pso": "PSO + 3-5-3",
-    "spline353-nlp": "best 3-5-3",
+    "spline353-nlp": "best 3-5-3 spline",
     "unoptimised": "3-5-3, unoptimised",
 }
 

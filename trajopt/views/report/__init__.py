@@ -25,7 +25,7 @@ from trajopt.views.report.packing import as_text, packed_json
 
 try:
     import jinja2
-    from markupsafe import Markup
+    from markupsafe import Markup, escape
 except ImportError:  # `write` raises an error
     jinja2 = None  # type: ignore[assignment]
 
@@ -70,6 +70,7 @@ def write(
         undefined=jinja2.StrictUndefined,
     )
     environment.filters["breaks"] = _breaks
+    environment.filters["whole"] = _whole
     html = environment.get_template("template.html").render(
         page=page,
         digest=_digest(results),
@@ -107,6 +108,11 @@ def _breaks(label: str) -> Markup:
     """A planner's label that may go on to the next line between its options."""
     parts = re.split("(?<=[:,])", label)
     return Markup("<span>{}</span>").format(Markup("<wbr>").join(parts))
+
+
+def _whole(html: str) -> Markup:
+    """The same text or HTML, of which no line ends within 3-5-3."""
+    return Markup(re.sub(r"3-5-3(?![^<>]*>)", '<span class="whole">3-5-3</span>', escape(html)))
 
 
 def _blobs(page: content.Page, tables: dict[str, Any], trajectories: int) -> dict[str, str]:

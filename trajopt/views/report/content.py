@@ -178,7 +178,12 @@ class Page:
 
     @cached_property
     def failures(self) -> list[dict[str, Any]]:
-        return lines.failures(self.results.items)
+        return lines.reasons(self.results.items, apply=True)
+
+    @cached_property
+    def not_applicable(self) -> list[dict[str, Any]]:
+        """Why planners do not apply to problems: they refuse them, or ignore some of the limits."""
+        return lines.reasons(self.results.items, apply=False)
 
     @cached_property
     def planners(self) -> list[dict[str, Any]]:

@@ -25,6 +25,8 @@ COLUMNS = {  # headings, with units, of the table of problems and planners
     "evaluations": "evaluations",
     "solve_time": "time (s)",
 }
+_OF_A_PLANNER = ("problems", "not_applicable", "gap", "worst", "rank", "time")
+NOT_APPLICABLE = (Status.UNSUPPORTED, Status.RELAXED)
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
 REASON_LENGTH = 500
 
@@ -49,12 +51,19 @@ def of_row(row: Any) -> dict[str, NumberCell]:
     return found
 
 
-def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
+def reasons(trials: Sequence[Trial], *, apply: bool) -> list[dict[str, Any]]:
     """Group the trials that are not solved by planner, status and kind of reason.
 
     The most frequent come first.
+
+    Args:
+        trials: All of the page.
+        apply: True for those that failed; false for those of planners that refuse the problem, or
+            answer it without some of the limits.
     """
-    return [_failure(own) for own in grouped(t for t in trials if t.status is not Status.SOLVED)]
+    unsolved = (trial for trial in trials if trial.status is not Status.SOLVED)
+    wanted = [trial for trial in unsolved if (trial.status in NOT_APPLICABLE) is not apply]
+    return [_failure(own) for own in grouped(wanted)]
 
 
 def _failure(failure: Failure) -> dict[str, Any]:
@@ -98,12 +107,11 @@ def over_all(row: Any) -> dict[str, Any]:
     if table_cells.kept(row.kept, row.dilation) == table_cells.TO_ROUNDING:
         shown |= {"text": table_cells.TO_ROUNDING, "interval": ""}
     return {
-        "problems": row.problems,
         "runs": runs,
         "solved": _share(row.solved, runs),
         "kept": shown,
         "dilation": table_cells.dilation(row.dilation),
-        **{name: own[name] for name in ("gap", "worst", "rank", "time")},
+        **{name: own[name] for name in _OF_A_PLANNER},
     }
 
 

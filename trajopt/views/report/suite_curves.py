@@ -57,7 +57,8 @@ def between_seeds(page: Page) -> list[dict[str, Any]]:
         tests = page.results.between_seeds(problem.digest())
         if len(tests):
             lines = rivals.seeds(tests, page.labels)
-            found.append({"name": problem.name, "paired": lines})
+            first = next(place for place, own in enumerate(lines) if own)
+            found.append({"name": problem.name, "paired": lines, "first": first})
     return found
 
 

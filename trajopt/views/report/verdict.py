@@ -7,6 +7,7 @@ from io import StringIO
 from math import isfinite, isnan
 from typing import Any
 
+from trajopt.benchmark.best_known.records import CLOSED_WITHIN
 from trajopt.benchmark.trial import Trial
 from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.views import table_cells
@@ -27,7 +28,9 @@ def of_problem(results: Tables) -> str:
     if first.kind is None:
         return "No optimum is known for this problem, so gaps are unknown."
     known = f"{first.reference:.4f} s"
-    optimum = f"the proved {known}" if first.proved > 0 else f"the best known {known}, not proved"
+    optimum = f"the best known {known}, not proved"
+    if first.reference < first.proved * (1 + CLOSED_WITHIN):
+        optimum = f"the proved {known}"
     if not answered:
         return f"No other planner has an answer; the optimum is {optimum.removeprefix('the ')}."
     return f"{', '.join(_above(line) for line in _named(answered))} above {optimum}."
@@ -48,7 +51,12 @@ def _name(line: Line) -> str:
 
 def _above(line: Line) -> str:
     percent = table_cells.percent(line.gap).removeprefix("+")
-    return f"{SPOKEN.get(line.label, line.label)} {percent}{' (median)' if line.runs > 1 else ''}"
+    return f"{_spoken(line.label)} {percent}{' (median)' if line.runs > 1 else ''}"
+
+
+def _spoken(label: str) -> str:
+    """Return a planner's name in a sentence."""
+    return SPOKEN.get(label, label).removesuffix(" + 3-5-3")
 
 
 def of_suite(results: Tables) -> str:
@@ -60,8 +68,8 @@ def of_suite(results: Tables) -> str:
         return "No optimum is known for these problems, so gaps are unknown."
     said = []
     for row in compared[:NAMED]:
-        name = SPOKEN.get(row.Index, row.Index)
-        said.append(f"{name} {table_cells.percent(row.gap)} ({row.problems} problems)")
+        problems = f"{row.counted} problem{'s' if row.counted > 1 else ''}"
+        said.append(f"{_spoken(row.Index)} {table_cells.percent(row.gap)} ({problems})")
     more = f", and {len(compared) - NAMED} more below" if len(compared) > NAMED else ""
     return f"Median gap to the optimum: {', '.join(said)}{more}."
 

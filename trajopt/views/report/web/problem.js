@@ -155,6 +155,7 @@ const fill = async (details) => {
   panel.append(make("h3", "Trajectories"));
   const joints = select(panel, "Joint", [...Array(found.joints).keys()].map((j) => [j + 1, j]));
   panel.append(Object.assign($("legend").cloneNode(true), { id: "" }));
+  settle(panel.querySelector(".legend"));
   const motions = figure(panel, "Median runs.", "Certified trajectories of each planner’s median run; dashed red: limits; marks and dotted lines, with their numbers: waypoints. Click a curve for its trial.");
   const redraw = () => drawMotions(motions, found, Number(joints.value));
   const travel = (j) => found.waypoints.slice(1).reduce((sum, w, n) => sum + Math.abs(w[j] - found.waypoints[n][j]), 0) / found.limits.velocity[j][1];

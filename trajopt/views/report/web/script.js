@@ -55,28 +55,67 @@
     $("more").hidden = matching <= limit;
     $("more").textContent = `show all ${matching}`;
     for (const panel of all("details.problem")) panel.classList.toggle("out", text !== "" && !problems.has(panel.dataset.problem));
+    settle(body.parentNode);
   };
 
+  // ---- every table is sorted by its headings -------------------------------------------------
   const key = (row, column) => {
     const cell = row.cells[column];
-    if (!("value" in cell.dataset)) return cell.textContent.trim().toLowerCase();
-    return cell.dataset.value === "" ? null : Number(cell.dataset.value);
+    const stated = cell.dataset.value, text = cell.textContent.trim();
+    if (stated !== undefined) return stated === "" ? null : Number(stated);
+    if (text === "" || text === "–") return null;
+    if (/^(∞|none)/.test(text)) return Infinity;
+    const number = text.replaceAll("\u202f", "").replaceAll("−", "-").match(/^[+×<≥ ]*(-?[\d.]+)/);
+    return cell.classList.contains("n") && number ? Number(number[1]) : text.toLowerCase();
+  };
+  const compareKeys = (sign) => ([a], [b]) => {
+    if (a === null || b === null) return (a === null) - (b === null);  // none comes last, either way
+    return sign * (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(b, undefined, { numeric: true }));
   };
   const sort = (header, column) => {
     const sign = header.getAttribute("aria-sort") === "ascending" ? -1 : 1;
     for (const other of header.parentNode.cells) other.setAttribute("aria-sort", "none");
     header.setAttribute("aria-sort", sign === 1 ? "ascending" : "descending");
-    const keyed = [...body.rows].map((row) => [key(row, column), row]);
-    keyed.sort(([a], [b]) => {
-      if (a === null || b === null) return (a === null) - (b === null);  // none comes last, either way
-      return sign * (typeof a === "number" ? a - b : a.localeCompare(b, undefined, { numeric: true }));
-    });
-    body.append(...keyed.map(([, row]) => row));
-    apply();
+    const rows = header.closest("table").tBodies[0];
+    const groups = [];  // a row, and those that follow it
+    for (const row of rows.rows) row.dataset.of ? groups.at(-1)[1].push(row) : groups.push([key(row, column), [row]]);
+    rows.append(...groups.sort(compareKeys(sign)).flatMap(([, own]) => own));
+    if (rows === body) apply();
   };
-  for (const button of all("#result-table thead button")) button.onclick = () => sort(button.parentNode, Number(button.dataset.column));
+  for (const table of all("table.sortable")) {
+    [...table.tHead.rows[0].cells].forEach((header, column) => {
+      const button = make("button", header.textContent);
+      button.onclick = () => sort(header, column);
+      header.setAttribute("aria-sort", "none");
+      header.replaceChildren(button);
+    });
+  }
   for (const id of ["search", "by-planner", "by-status"]) $(id).oninput = () => { limit = SHOWN; apply(); };
   $("more").onclick = () => { limit = Infinity; apply(); };
+
+  // ---- one tab stop a table or legend; arrow keys move within it ------------------------------
+  const ARROWS = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] };
+  const ROVING = "table.sortable, .legend";
+  const stops = (box) => (box.rows ? [...box.rows] : [box]).filter((row) => row.checkVisibility())
+    .map((row) => all("a, button, summary", row)).filter((own) => own.length);
+  const settle = (box) => {  // what is hidden is no stop
+    if (all('[tabindex="0"]', box).some((own) => own.checkVisibility())) return;
+    all("a, button, summary", box).forEach((own) => { own.tabIndex = -1; });
+    const [first] = stops(box);
+    if (first) first[0].tabIndex = 0;
+  };
+  document.addEventListener("keydown", (event) => {
+    const box = event.target.closest(ROVING), move = ARROWS[event.key];
+    if (!box || !move) return;
+    const found = stops(box), row = found.findIndex((own) => own.includes(event.target));
+    const next = found[row + move[0]], column = found[row]?.indexOf(event.target) + move[1];
+    if (row < 0 || !next || column < 0 || (move[1] && column >= next.length)) return;
+    event.preventDefault();
+    event.target.tabIndex = -1;
+    const to = next[Math.min(column, next.length - 1)];
+    to.tabIndex = 0;
+    to.focus();
+  });
 
   // ---- charts ------------------------------------------------------------------------------
   const FAMILY = "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif";
@@ -116,7 +155,8 @@
       autosize: true, height, width: element.clientWidth || undefined, ...layout,
     };
     fitted.observe(element);
-    return Plotly.react(element, traces, whole, CONFIG);
+    Plotly.react(element, traces, whole, CONFIG);
+    for (const button of all(".modebar-btn", element)) button.tabIndex = -1;  // a mouse zooms
   };
   const redraw = () => { for (const [element, make] of drawn) draw(element, make); };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
@@ -137,6 +177,8 @@
   const steps = (curve) => ({ ...look(curve.planner, { shape: "hv" }), x: curve.x, y: curve.y });
   const share = () => axis("share", { range: [-0.02, 1.03], tickformat: ".0%" });
   const LOG = { type: "log", exponentformat: "none", nticks: 8 };
+  const TIMES = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 1e4, 1e5];
+  const times = (curves) => (Math.max(...curves.flatMap((curve) => curve.x)) > 3 ? { tickvals: TIMES } : {});
   const evaluations = () => axis("evaluations", { type: "log", exponentformat: "none", dtick: 1 });
 
   const whole = () => data.suites[$("suite").value];
@@ -149,7 +191,7 @@
       + (partly.length ? ` Not run on all of them, so left out of the first two charts: ${partly.join(", ")}.` : "")
       + (counted.length ? ` Problems that a planner refuses, or answers without some of the limits, do not count for it: ${counted.join(", ")}.` : "")
       + (suite.convergence.length ? ` Running times and convergence: of the ${suite.searched} whose best 3-5-3 is known.` : "");
-    draw($("profile"), () => [whole().profile.map(steps), { xaxis: axis("times the shortest of all answers", { ...LOG, nticks: 6 }), yaxis: share() }]);
+    draw($("profile"), () => [whole().profile.map(steps), { xaxis: axis("times the shortest of all answers", { ...LOG, nticks: 6, ...times(whole().profile) }), yaxis: share() }]);
     draw($("ecdf"), () => [whole().ecdf.map(steps), { xaxis: axis("gap (%)", { ...LOG, dtick: 1 }), yaxis: share() }]);
     for (const figure of all(".searches")) figure.hidden = !suite.convergence.length;
     if (!suite.convergence.length) return;
@@ -168,6 +210,7 @@
       (line.cells ?? line).forEach((found, i) => { if (row.cells[i + 1].querySelector("a")) write(row.cells[i + 1], found); });
       more(row, line);
     }
+    settle($(table));
   };
   const judged = (row, line) => {
     ["--at", "--low", "--high"].forEach((name, i) => row.querySelector(".whisker")?.style.setProperty(name, line.whisker[i]));
@@ -181,10 +224,12 @@
     writeRows("ert-table", suite.ert);
     writeRows("paired-table", suite.paired[against], judged);
     if (!data.seeds.length) return;
-    const lines = data.seeds[$("seed-problem").value].paired[against];
-    $("seeds").querySelector(".rival").textContent = planners[against].label;
-    $("no-rival").hidden = Object.keys(lines).length > 0;
-    writeRows("seed-table", lines, judged);
+    const own = data.seeds[$("seed-problem").value];
+    const met = Object.keys(own.paired[against]).length ? against : own.first;
+    $("seeds").querySelector(".rival").textContent = planners[met].label;
+    $("no-rival").hidden = met === against;
+    $("no-rival").querySelector(".chosen").textContent = planners[against].label;
+    writeRows("seed-table", own.paired[met], judged);
   };
   if (data.seeds.length) $("seed-problem").onchange = compare;
   $("against").onchange = compare;
@@ -314,8 +359,14 @@
   apply();
   drawSuite();
   compare();
+  for (const box of all(ROVING)) settle(box);
   const first = $("problem-0");
-  if (first) { first.open = true; await fill(first); }
+  if (first) {
+    first.classList.add("unasked");  // not printed
+    first.querySelector("summary").addEventListener("click", () => first.classList.remove("unasked"));
+    first.open = true;
+    await fill(first);
+  }
   follow();
   document.documentElement.dataset.ready = "1";
   loading.remove();
