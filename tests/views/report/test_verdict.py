@@ -8,7 +8,7 @@ import pytest
 from markupsafe import Markup
 
 from trajopt import Limits, Problem, Results, compare
-from trajopt.benchmark.trial import judge
+from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 from trajopt.views import report
 from trajopt.views.report import verdict
@@ -41,7 +41,7 @@ def test_the_first_sentence_says_how_far_above_the_proved_optimum(page, one):
 def test_a_duration_is_proved_where_the_bound_is_near():
     """Two joints whose optimum is 2 % above the bound in closed form, and no record."""
     far = Problem([[0.0, 0.0], [1.0, 0.3], [1.2, 1.0]], Limits([1.0] * 2, [1.0] * 2), "far")
-    trials = [judge(load(name), far, [0], name)[0] for name in ("exact", "ruckig-stop")]
+    trials = [trials_of(load(name), far, [0], name)[0] for name in ("exact", "ruckig-stop")]
     assert "the best known" in verdict.of_problem(Results(trials))
     assert "not proved" in verdict.of_problem(Results(trials))
 

@@ -86,7 +86,8 @@ def planners(results: Tables, against: str) -> str:
     """A line per planner: solved, gaps, mean rank; chance of a shorter run than a rival's, and p.
 
     p is of Wilcoxon's test over the problems, or on one problem of Mann and Whitney's over runs,
-    adjusted for the rows of this table (Holm 1979), and missing where a proved bound decides. Without any mean rank the table has none.
+    adjusted for the rows of this table (Holm 1979), and missing where a proved bound decides.
+    Without any mean rank the table has none.
     """
     rivals = pairwise.against(_pairs(results), against)
     table = results.planners().join(rivals[["chance", "holm"]])
@@ -130,10 +131,8 @@ def tests(results: Tables) -> str:
         own = table_cells.of_pair(row)
         rows.append(_row([*pair, *met, *own.values()]))
     first, second, *others = _TESTS
-    said = (
-        f"% Holm: p adjusted for the {_tested(pairs) // 2} tests here; in planners.tex for those of "
-        "one rival"
-    )
+    tested = _tested(pairs) // 2
+    said = f"% Holm: p adjusted for the {tested} tests here; in planners.tex for those of one rival"
     return f"{said}\n{_tabular([first, second, *counts, *others], [rows], texts=2)}"
 
 
