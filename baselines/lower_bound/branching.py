@@ -389,7 +389,8 @@ class _BranchAndBound:
         steps = list(_walk(root))
         used = np.unique(np.concatenate([step.rows for step in steps]))
         tables, new_numbers = self.pool.tables(used)
-        tables["cells"] = _moderate(tables["cells"])
+        for name in ("cells", "rates"):
+            tables[name] = _moderate(tables[name])
         heads = [(step.kind, step.variable, step.value, len(step.rows)) for step in steps]
         numbers = [new_numbers[step.rows] for step in steps]
         values = [step.multipliers for step in steps]

@@ -13,6 +13,16 @@ brackets from 0 to 1, jumps included. Bounding the right-hand side by the limits
 
 linear in the segment's variables, and nothing is discretised. The functions are the optimality
 conditions' costates where the row is as tight as it can be.
+
+Where velocity limits fall towards the end of a range at the distance `D` from the segment's start,
+`v + o ≤ sqrt(2 d w)` for the distance `w = D − x T`, so for every `c > 0`
+
+    v + c x ≤ d T / (2 c) + c D S − o,
+
+a tangent of the parabola whose place moves with `T`. Where `λ` rises at the rate `λ'` and
+`μ = q' + λ ≥ 0`, both are paid together with `c = λ' / μ`, by
+
+    T d ∫μ² / (2 λ') + S D ∫dλ − o ∫μ.
 """
 
 from __future__ import annotations
@@ -23,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.lower_bound.relaxation import Relaxation
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array, Bools, Indices
 
 # `f0, f1, f2` of `f0 + f1 s + f2 s²`, piece by piece.
 Quadratic = tuple[Array, Array, Array]
@@ -33,12 +43,14 @@ COEFFICIENT_RTOL = 1e-14
 # Rounding of a sum for each of its cells, relative to the terms' sizes.
 _CELL_RTOL = 2.0**-52
 
-# A cell: its start, `p` as a quadratic from there, `q` as a line, `λ` constant.
+# A cell: its start, `p` as a quadratic from there, `q` as a line, `λ`; then, where velocity limits
+# fall, the rate of `λ`.
 CELL_COLUMNS = 7
+SLOPE, RATE = 6, 7
 
 
 class Cut(NamedTuple):
-    """A row of costates: segment, joint (among those that move) and cells, `(cells, 7)`."""
+    """A row of costates: segment, joint (among those that move) and cells, `(cells, 7 or 8)`."""
 
     segment: int
     joint: int
@@ -51,6 +63,13 @@ class Costates(NamedTuple):
     segments: Indices
     joints: Indices
     cells: Array
+
+
+def with_rates(cells: Array) -> Array:
+    """Return cells with the column of rates, which are 0 where there is none."""
+    if cells.shape[-1] > CELL_COLUMNS:
+        return cells
+    return np.concatenate([cells, np.zeros((*cells.shape[:-1], 1))], axis=-1)
 
 
 def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple[Array, float]:
@@ -66,7 +85,8 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
     Args:
         relaxation: Whose limits count.
         given: Segments and joints (among those that move), counted from 0, `(rows,)`; cells
-            `(rows, cells, 7)`: start in normalised time (the first 0), `p0, p1, p2`, `q0, q1`, `λ`.
+            `(rows, cells, 7 or 8)`: start in normalised time (the first 0), `p0, p1, p2`, `q0, q1`,
+            `λ`, and its rate if there are any.
 
     Returns:
         Coefficients of the variables in `Relaxation.row_columns`, `(rows, 7)`, and the bounds;
@@ -74,14 +94,22 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
     """
     parts = _Parts.of(relaxation, given)
     h = relaxation.h[given.segments, given.joints]
-    displacement = parts.slope[:, -1] * h
-    limits, limit_size = _position_costs(relaxation, given, parts.slope)
+    displacement = parts.slope_end[:, -1] * h
+    limits, limit_size = _position_costs(relaxation, given, parts)
     inverse_size = np.abs(displacement) + limit_size
+    by_velocity = _by_velocity(parts)
+    by_time = _by_acceleration(parts)
+    if parts.rate.any():
+        fallen = _by_falling(relaxation, given, parts)
+        by_velocity = by_velocity + fallen.constant
+        by_time = by_time + fallen.time
+        limits = limits + fallen.inverse
+        inverse_size = inverse_size + fallen.inverse_size
     inverse_rounding = parts.sum_rtol * inverse_size
     p_end = value(parts.p, parts.widths)
     q_end = value(parts.q, parts.widths)
     coefficients = [
-        -_by_acceleration(parts),
+        -by_time,
         displacement - limits - inverse_rounding,
         -_by_jerk(parts),
         -parts.q[0][:, 0],
@@ -89,16 +117,22 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
         -parts.p[0][:, 0],
         p_end[:, -1],
     ]
-    return np.stack(coefficients, axis=1), _by_velocity(parts)
+    return np.stack(coefficients, axis=1), by_velocity
 
 
 class _Parts(NamedTuple):
-    """Costates of rows, `(rows, cells)`, and their limits' sizes, `(2, rows, 1)`."""
+    """Costates of rows, `(rows, cells)`, and their limits' sizes, `(2, rows, 1)`.
+
+    `together` says where `q' + λ` and the rate of `λ` are paid together by a falling velocity limit.
+    """
 
     widths: Array
     p: Quadratic
     q: Quadratic
     slope: Array
+    slope_end: Array
+    rate: Array
+    together: Bools
     velocity: Array
     acceleration: Array
     jerk: Array
@@ -115,18 +149,25 @@ class _Parts(NamedTuple):
 
     @classmethod
     def of(cls, relaxation: Relaxation, given: Costates) -> _Parts:
-        starts, p0, p1, p2, q0, q1, slope = np.moveaxis(given.cells, -1, 0)
+        starts, p0, p1, p2, q0, q1, slope, rate = np.moveaxis(with_rates(given.cells), -1, 0)
         ends = np.ones_like(starts)
         ends[:, :-1] = starts[:, 1:]
         # rounding the width of a cell only moves what is integrated by its last digit
         widths = ends - starts
         jerk = relaxation.j[:, given.joints, None]
         p0 = _one_sided((p0, p1, p2), widths, jerk)
+        acts = relaxation.falling.acts[:, given.segments, given.joints, None]
+        turning = q1 + slope
+        upwards = (rate > 0) & (turning >= 0) & acts[1]
+        downwards = (rate < 0) & (turning <= 0) & acts[0]
         return cls(
             widths=widths,
             p=(p0, p1, p2),
             q=(q0, q1, np.zeros_like(q0)),
             slope=slope,
+            slope_end=slope + rate * widths,
+            rate=rate,
+            together=upwards | downwards,
             velocity=relaxation.v[:, given.joints, None],
             acceleration=relaxation.a[:, given.joints, None],
             jerk=jerk,
@@ -157,13 +198,63 @@ def _by_acceleration(parts: _Parts) -> Array:
 def _by_velocity(parts: _Parts) -> Array:
     """Return the cost of velocity, `V ∫|dq + λ dτ|`, jumps included."""
     _, q1, zero = parts.q
-    turning = (q1 + parts.slope, zero, zero)
+    turning = (q1 + parts.slope, parts.rate, zero)
     integrals = _weighed(turning, parts.widths, parts.velocity)
-    sizes = np.abs(q1) + np.abs(parts.slope)
+    integrals[parts.together] = 0.0
+    sizes = np.abs(q1) + np.abs(parts.slope) + np.abs(parts.rate) * parts.widths
     terms = parts.widths * sizes
     integrals += _rounding(terms, parts.velocity)
     jumps = _jumps(parts.q, parts.widths, parts.velocity)
     return parts.up(integrals.sum(axis=1) + jumps)
+
+
+class _ByFalling(NamedTuple):
+    """What falling velocity limits can add: a constant, per `T`, and per `S` with its terms' size.
+
+    Positive parts are rounded upwards, `(rows,)` each.
+    """
+
+    constant: Array
+    time: Array
+    inverse: Array
+    inverse_size: Array
+
+
+def _by_falling(relaxation: Relaxation, given: Costates, parts: _Parts) -> _ByFalling:
+    """Return the cost of the cells in which `λ` has a rate.
+
+    Where a falling velocity limit pays for both, `μ = |q' + λ|` is a line that rises at the rate's
+    size. Elsewhere the rate is paid as a jump of `λ` is, by the farthest position.
+    """
+    falling = relaxation.falling
+    _, q1, _ = parts.q
+    rise = np.abs(parts.rate)
+    gained = rise * parts.widths
+    start = np.where(parts.together, np.abs(q1 + parts.slope), 0.0)
+    end = start + gained
+    mean = parts.widths * (start + end) / 2
+    squares = parts.widths * (start**2 + start * end + end**2) / 3
+    place = (given.segments, given.joints)
+    upwards = parts.rate > 0
+
+    deceleration = falling.deceleration[given.joints, None]
+    time = np.where(parts.together, deceleration * squares / np.where(rise > 0, 2 * rise, 1.0), 0.0)
+    offset = falling.offset[given.joints, None] * np.where(parts.together, mean, 0.0)
+    down, up = falling.distance[(slice(None), *place)]
+    to_end = np.where(upwards, up[:, None], down[:, None])
+    farthest = [-relaxation.below[place], relaxation.above[place]]
+    to_wall = np.where(upwards, farthest[1][:, None], farthest[0][:, None])
+    inverse = gained * np.where(parts.together, to_end, to_wall)
+    # the rounding of λ at a cell's end is a jump that nothing else pays for
+    sizes = (np.abs(parts.slope) + gained) * (np.abs(farthest[0]) + np.abs(farthest[1]))[:, None]
+    sizes = sizes + gained * np.abs(to_end)
+    rounding = parts.sum_rtol * offset.sum(axis=1)
+    return _ByFalling(
+        constant=rounding - offset.sum(axis=1),
+        time=parts.up(time.sum(axis=1)),
+        inverse=inverse.sum(axis=1),
+        inverse_size=sizes.sum(axis=1),
+    )
 
 
 def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
@@ -269,9 +360,9 @@ def _jumps(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     return up * upwards + down * downwards + rounding
 
 
-def _position_costs(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array, Array]:
+def _position_costs(relaxation: Relaxation, given: Costates, parts: _Parts) -> tuple[Array, Array]:
     """Return the cost of position limits, per `S`, and the sizes of its terms."""
-    jumps = np.diff(slope)
+    jumps = parts.slope[:, 1:] - parts.slope_end[:, :-1]
     upwards = np.maximum(jumps, 0.0).sum(axis=1)
     downwards = np.maximum(-jumps, 0.0).sum(axis=1)
     distance_above = relaxation.above[given.segments, given.joints]

@@ -58,7 +58,8 @@ class BoundProof:
         square_tangents: Segment and place of each square tangent of `jerk_rows`; optional.
         ramps: Segment, joint and side of each ramp of `jerk_rows`, `(ramps, 3)`; optional.
         cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
-        cells: Their cells one after the other, `(cells, 7)`, as in `costates.row`.
+        cells: Their cells one after the other, `(cells, 7)`, as in `costates.row` but for the rates.
+        rates: Number of a cell and the rate of its `λ`, `(rates, 2)`; optional, 0 elsewhere.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
             move a side of the box to the value, or as far as the multipliers prove if that is less
             or the value is 0; `BRANCH` splits the box at the value, the lower part first; `LEAF`
@@ -76,10 +77,14 @@ class BoundProof:
     multipliers: Array
     square_tangents: Array = field(default_factory=lambda: np.zeros((0, 2)))
     ramps: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    rates: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by the names under which a trial stores them."""
-        return {_PREFIX + name: value for name, value in vars(self).items()}
+        stored = {_PREFIX + name: value for name, value in vars(self).items()}
+        if not self.rates.size:
+            del stored[_PREFIX + "rates"]
+        return stored
 
     @classmethod
     def stored(cls, stats: Mapping[str, Any]) -> BoundProof | None:
@@ -119,6 +124,7 @@ _SHAPES = {
     "multipliers": 2,
     "square_tangents": 2,
     "ramps": 3,
+    "rates": 2,
 }
 
 
@@ -138,9 +144,10 @@ _WHOLE = {
     "multipliers": [0],
     "square_tangents": [0],
     "ramps": [0, 1, 2],
+    "rates": [0],
 }
 # Tables that a proof may lack.
-_LATER = ("square_tangents", "ramps")
+_LATER = ("square_tangents", "ramps", "rates")
 
 
 class _ProofRows(NamedTuple):
@@ -242,11 +249,14 @@ def _ramp(relaxation: Relaxation, segment: float, joint: float, side: float) -> 
 def _cuts(relaxation: Relaxation, proof: BoundProof) -> BoundConstraints:
     first = 0
     given = []
+    cells = costates.with_rates(proof.cells)
+    for cell, rate in proof.rates.tolist():
+        cells[_index(cell, len(cells)), costates.RATE] = rate
     for segment, joint, count in proof.cuts.tolist():
         k = _index(segment, relaxation.segments)
         j = _index(joint, relaxation.joints)
         last = first + _index(count, len(proof.cells) - first + 1)
-        broken = Cut(k, j, proof.cells[first:last])
+        broken = Cut(k, j, cells[first:last])
         given.append(broken)
         first = last
     return cuts(relaxation, given)
@@ -256,8 +266,8 @@ def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
     """Return rows of costates as rows of the relaxation.
 
     Raises:
-        InvalidInput: The cells do not divide the segment, or the joint has no jerk limit and `p`
-            is not 0.
+        InvalidInput: The cells do not divide the segment, the joint has no jerk limit and `p` is
+            not 0, or it has no falling velocity limit and `λ` has a rate.
     """
     rows = relaxation.blank(len(given))
     counts = np.array([len(row.cells) for row in given], dtype=int)
@@ -269,7 +279,7 @@ def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
         alike = costates.Costates(
             segments=np.array([given[number].segment for number in numbers]),
             joints=np.array([given[number].joint for number in numbers]),
-            cells=np.stack([given[number].cells for number in numbers]),
+            cells=np.stack([costates.with_rates(given[number].cells) for number in numbers]),
         )
         coefficients, bounds = costates.rows(relaxation, alike)
         rows.coefficients[numbers, :ROW_ENTRIES] = coefficients
@@ -284,6 +294,10 @@ def _check_cells(relaxation: Relaxation, row: Cut) -> None:
         raise InvalidInput("proof cells", "starts that rise from 0 to below 1")
     if not relaxation.jerky[row.joint] and row.cells[:, 1:4].any():
         raise InvalidInput("proof cells", "no p for a joint without jerk limits")
+    falls = not np.isnan(relaxation.falling.offset[row.joint])
+    if not falls and row.cells[:, costates.RATE :].any():
+        right = "no rate of λ for a joint without a falling velocity limit"
+        raise InvalidInput("proof rates", right)
 
 
 def dual_bound(

@@ -12,6 +12,7 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop
 from baselines.sizes import cells
+from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
@@ -33,11 +34,13 @@ class Incumbent(NamedTuple):
         trajectory: Repaired and dilated.
         duration: Of it, s.
         disagreement: By how much its planner's starts differ (`Solution.disagreement`).
+        dilated: Whether its planner left out a limit that it breaks.
     """
 
     trajectory: Trajectory
     duration: float
     disagreement: float | None = None
+    dilated: bool = False
 
 
 def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
@@ -55,7 +58,7 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
         answer = _answer(planner, problem)
         if answer is not None and (best is None or answer.duration < best.duration):
             best = answer
-        if answer is not None and not isinstance(planner, RuckigStop):
+        if answer is not None and not answer.dilated and not isinstance(planner, RuckigStop):
             break
     return best
 
@@ -71,11 +74,12 @@ def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
 
 def kept(problem: Problem, answer: Trajectory) -> Incumbent | None:
     """Dilate a trajectory until it keeps every limit, if that is possible."""
-    duration = verify(problem, answer).certified_duration
+    certificate = verify(problem, answer)
+    duration = certificate.certified_duration
     trajectory = certified(problem, answer)
     if duration is None or trajectory is None:
         return None
-    return Incumbent(trajectory, duration)
+    return Incumbent(trajectory, duration, dilated=not certificate.nearly_feasible)
 
 
 def _two_sided(problem: Problem) -> Problem:
@@ -105,7 +109,7 @@ def _planners(problem: Problem, seconds: float) -> list[Planner]:
         planners.append(ExactJerk(starts=starts))
     else:
         planners.append(Exact(starts=2 * starts))
-    if problem.has("position"):
+    if problem.has("position") or problem.has(FallingVelocity.key):
         rate += _START_SECONDS_POSITION
         starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
         planners.append(CollocationRefined(starts=starts))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
@@ -25,8 +25,8 @@ AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
 class Prove(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
 
-    Velocity, acceleration, jerk and position limits count. Other kinds are left out, which keeps
-    the bound valid; its message says so.
+    Velocity, acceleration, jerk, position and falling velocity limits count. Other kinds are left
+    out, which keeps the bound valid; its message says so.
 
     - `within`: relative gap of upper and lower bound at which to stop;
     - `time_limit`: s, after which the bounds reached are the answer; building the model counts;
@@ -40,7 +40,7 @@ class Prove(Planner):
 
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
-    knows = LIMIT_NAMES
+    knows = (*LIMIT_NAMES, FallingVelocity.key)
     drops = True
 
     def __post_init__(self) -> None:

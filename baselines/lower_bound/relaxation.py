@@ -19,6 +19,7 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 
@@ -75,7 +76,9 @@ class Relaxation:
         v, a, j: Sizes of the limits, downwards and upwards, `(2, joints)`. Velocities are those
             that accelerating and braking within the cut-off can reach.
         jerky: Which joints have a jerk limit, on one side at least.
-        below, above: Position limits minus each segment's start, `(segments, joints)`.
+        below, above: Position limits minus each segment's start, `(segments, joints)`. Where
+            velocity limits fall, no further than where no motion towards the end is allowed.
+        falling: Velocity limits that fall towards the ends of a range.
         time, inverse, square: Variables `T`, `S`, `Q`, `(segments,)`.
         velocity, acceleration: Variables `v`, `a` of the waypoints that have a state,
             `(states, joints)`.
@@ -114,6 +117,9 @@ class Relaxation:
         starts = waypoints[:-1]
         self.below = (lowest - starts) / lengths
         self.above = (highest - starts) / lengths
+        self.falling = _falling(problem, time_unit, lengths)
+        self.above = np.fmin(self.above, self.falling.room[1])
+        self.below = np.fmax(self.below, -self.falling.room[0])
         self._count_variables()
 
     @classmethod
@@ -206,8 +212,9 @@ class Relaxation:
         shortest = np.maximum(forwards, backwards).max(axis=1)
         low[self.time] = shortest * (1 - ROUNDING_RTOL)
         high[self.time] = self.cutoff
-        low[self.velocity] = -self.v[0]
-        high[self.velocity] = self.v[1]
+        allowed = np.fmin(self.v[:, None], self.falling.allowed[:, self.segment_before + 1])
+        low[self.velocity] = -allowed[0]
+        high[self.velocity] = allowed[1]
         low[self.acceleration] = np.where(self.jerky, -self.a[0], 0.0)
         high[self.acceleration] = np.where(self.jerky, self.a[1], 0.0)
         return self.completed(VariableBounds(low, high))
@@ -315,6 +322,55 @@ class Relaxation:
         row.coefficients[0, 1] = -at * at
         row.bounds[0] = -2 * at
         return row
+
+
+class FallingRows(NamedTuple):
+    """Falling velocity limits of the joints that move, in a relaxation's units.
+
+    Sides are those of other limits: downwards, upwards. NaN, or False, for a joint without such a
+    limit.
+
+    Attributes:
+        offset, deceleration: `(joints,)`.
+        distance: From the start of each segment to the end of the range, `(2, segments, joints)`.
+        room: From there to where no motion towards the end is allowed, 0 at least.
+        acts: Whether the motion stays where some velocity is allowed: it begins there.
+        allowed: Highest velocity at each waypoint, `(2, waypoints, joints)`.
+    """
+
+    offset: Array
+    deceleration: Array
+    distance: Array
+    room: Array
+    acts: Bools
+    allowed: Array
+
+
+def _falling(problem: Problem, time_unit: float, lengths: Array) -> FallingRows:
+    """Return the falling velocity limits, each number rounded outward."""
+    rows = np.full((problem.joints, 4), np.nan)
+    own = problem.limits.kinds.get(FallingVelocity.key)
+    if isinstance(own, FallingVelocity):
+        rows = own.rows
+    offset, deceleration, low, high = rows[problem.moving].T
+    offset = offset / (lengths / time_unit)
+    deceleration = deceleration / (lengths / time_unit**2)
+    waypoints = problem.waypoints[:, problem.moving]
+    distance = np.stack([waypoints - low, high - waypoints]) / lengths
+    blocked = offset * offset / (2 * deceleration)
+    margin = ROUNDING_RTOL * (np.abs(distance) + blocked)
+    slack = distance - blocked
+    starts = slice(None, -1)
+    speed = np.sqrt(np.maximum(2 * deceleration * distance, 0.0))
+    allowed = np.maximum(speed * (1 + ROUNDING_RTOL) - offset, 0.0) + ROUNDING_RTOL * offset
+    return FallingRows(
+        offset=offset,
+        deceleration=deceleration,
+        distance=distance[:, starts],
+        room=np.maximum(slack + margin, 0.0)[:, starts],
+        acts=(slack > margin)[:, starts],
+        allowed=allowed,
+    )
 
 
 def powers_of_two(values: Array | float) -> Array:

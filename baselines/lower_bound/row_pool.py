@@ -19,7 +19,7 @@ import scipy  # its parts are imported when they are used: listing planners need
 
 from baselines.linear_programs import TOLERANCE, LinearOptimum, LinearProgram
 from baselines.lower_bound import dual_check
-from baselines.lower_bound.costates import CELL_COLUMNS, Cut
+from baselines.lower_bound.costates import RATE, Cut, with_rates
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
 from baselines.lower_bound.relaxation import (
     BoundConstraints,
@@ -235,13 +235,16 @@ class RowPool:
         for number in ordered:
             by_kind[type(self.sources[number])].append(self.sources[number])
         heads = [(cut.segment, cut.joint, len(cut.cells)) for cut in by_kind[Cut]]
-        cells = [cut.cells for cut in by_kind[Cut]]
+        every = (with_rates(cut.cells) for cut in by_kind[Cut])
+        cells = np.concatenate([np.zeros((0, RATE + 1)), *every])
+        sloping = np.flatnonzero(cells[:, RATE])
         tables = {
             "square_tangents": _table(by_kind[SquareTangent], 2),
             "tangents": _table(by_kind[Tangent], 2),
             "ramps": _table(by_kind[Ramp], 3),
             "cuts": _table(heads, 3),
-            "cells": np.concatenate([np.zeros((0, CELL_COLUMNS)), *cells]),
+            "cells": cells[:, :RATE],
+            "rates": np.column_stack([sloping, cells[sloping, RATE]]),
         }
         return tables, numbers
 

@@ -1,6 +1,6 @@
-"""Rows that position limits need: one linear program per segment and joint.
+"""Rows that position and falling velocity limits need: one linear program per segment and joint.
 
-Where no position limit is active, `extremal.py` gives the row that a point violates most in closed
+Where no such limit is active, `extremal.py` gives the row that a point violates most in closed
 form. Where `λ` jumps, the row is searched for. A grid divides normalised time into cells, on which
 `q` and `p` are chained. The program maximises the row's violation while its own cost, the
 right-hand side of `costates.py`, is 1. It replaces `∫|p|` (without jerk limits `∫|q|`) by a sum
@@ -10,6 +10,10 @@ exactly from the costates found.
 A cell is halved if a costate changes its sign in it, if a costate begins or ends to be 0 beside it,
 or if a position limit is active at its ends. This goes on until the error of the grid is below the
 tolerance.
+
+A falling velocity limit takes part by tangents of its parabola, a few of all places and a few near
+the place found before. `costates.py` pays for the tangent between them. Where it is active `λ`
+grows; a cell in which it grows by more than a share is halved.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from trajopt.core.arrays import Array, Bools, Indices
 
 _START_CELLS = 12
 _MAX_CELLS = 64
+_MAX_FALLING_CELLS = 192
 _MAX_HALVINGS = 16
 # Smallest width of a cell in normalised time, and relative to the tolerance's square root.
 _MIN_WIDTH = 2.0**-20
@@ -34,12 +39,22 @@ _GRID_ERROR = 2.0
 _ZERO_RTOL = 1e-9
 # A smaller integral of one sign counts as no change of sign, relative to the other sign's integral.
 _SIGN_CHANGE_RTOL = 1e-3
+# Tangents of a falling velocity limit: number of places from the offset to the highest velocity, the
+# least of them relative to the highest, and factors on the place found before.
+_TANGENTS = 6
+_LEAST_PLACE = 0.03
+_NEAR_PLACES = (0.93, 1.0, 1.08)
+# A program whose tangents were made for another time of the segment is made anew, relative.
+_SAME_TIME_RTOL = 0.05
+# Least relative growth of `λ` in a cell for it to be halved, and relative to the tolerance's root.
+_MIN_GROWTH = 0.02
+_MIN_GROWTH_SHARE = 3.0
 # Gauss points on the unit interval.
 _GAUSS_POINTS = {"first": 0.5 - 0.5 / np.sqrt(3), "second": 0.5 + 0.5 / np.sqrt(3)}
 
 
 class Separation:
-    """The program of one segment and joint with position limits; its grid stays between calls."""
+    """The program of one segment and joint with such limits; its grid stays between calls."""
 
     def __init__(self, relaxation: Relaxation, segment: int, joint: int) -> None:
         self.relaxation = relaxation
@@ -50,25 +65,31 @@ class Separation:
         below = relaxation.below[segment, joint]
         self.slack = np.array([-below, relaxation.above[segment, joint]])
         self.columns = relaxation.row_columns(segment, joint)
+        self.acts = relaxation.falling.acts[:, segment, joint]
+        self.time = 1.0
+        self.places = np.array([[0.5], [np.nan]])
         self._build(np.linspace(0.0, 1.0, _START_CELLS + 1))
 
     def most_violated(self, x: Array, tolerance: float) -> Array | None:
-        """Return the costates `(cells, 7)` whose row a point violates most.
+        """Return the costates `(cells, 8)` whose row a point violates most.
 
-        None if no row with a position limit is violated by the tolerance.
+        None if no row with such a limit is violated by the tolerance.
 
         Args:
             x: The relaxation's variables.
             tolerance: Least violation of a row of cost 1.
         """
         point = x[self.columns]
+        if self.acts.any() and abs(np.log(point[0] / self.time)) > _SAME_TIME_RTOL:
+            self.time = float(point[0])
+            self._build(np.append(self.starts, 1.0))
         best = None
         largest = tolerance / 2
         for _ in range(_MAX_HALVINGS + 1):
             claimed, cells = self._solved(point)
-            slope = cells[:, -1]
-            if not (slope[1:] != slope[:-1]).any():
-                # no position limit is active: `extremal` knows this row
+            slope = cells[:, costates.SLOPE]
+            if not (slope[1:] != slope[:-1]).any() and not cells[:, costates.RATE].any():
+                # no such limit is active: `extremal` knows this row
                 break
             coefficients, bound = costates.row(self.relaxation, self.segment, self.joint, cells)
             violation = float(coefficients @ point - bound)
@@ -90,12 +111,17 @@ class Separation:
         mean = larger / self.widths
         zero = mean <= _ZERO_RTOL * mean.max()
         changes_sign = smaller > _SIGN_CHANGE_RTOL * larger
-        slope = cells[:, -1]
-        at_limit = np.abs(np.diff(slope)) > _ZERO_RTOL * np.abs(slope).max()
-        border = (zero[1:] != zero[:-1]) | at_limit
+        slope = cells[:, costates.SLOPE]
+        growth = np.abs(cells[:, costates.RATE] * self.widths)
+        jumps = slope[1:] - slope[:-1] - (cells[:, costates.RATE] * self.widths)[:-1]
+        at_limit = np.abs(jumps) > _ZERO_RTOL * np.abs(slope).max()
+        falls = growth > _ZERO_RTOL * np.abs(slope).max()
+        border = (zero[1:] != zero[:-1]) | at_limit | (falls[1:] != falls[:-1])
         chosen = changes_sign & ~zero
         chosen[1:] |= border
         chosen[:-1] |= border
+        most_growth = max(_MIN_GROWTH, _MIN_GROWTH_SHARE * np.sqrt(tolerance))
+        chosen |= falls & (growth > most_growth * (np.abs(slope) + growth))
         least = max(_MIN_WIDTH, _MIN_WIDTH_SHARE * np.sqrt(tolerance))
         return chosen & (self.widths > least)
 
@@ -112,7 +138,7 @@ class Separation:
     def _halve(self, chosen: Bools) -> None:
         """Halve cells; if there are too many, only those near them are kept."""
         knots = np.append(self.starts, 1.0)
-        if len(self.starts) > _MAX_CELLS:
+        if len(self.starts) > (_MAX_FALLING_CELLS if self.acts.any() else _MAX_CELLS):
             near = np.append(chosen, False)
             near[1:] |= chosen
             knots = np.union1d(knots[near], np.linspace(0.0, 1.0, _START_CELLS + 1))
@@ -130,12 +156,14 @@ class Separation:
         """
         self.starts = knots[:-1]
         self.widths = np.diff(knots)
+        self.tangents = self._tangents()
         cells = len(self.widths)
         free = {"q": cells + 1, "slope": cells}
         parts = {"v": cells, "q_jump": cells - 1, "slope_jump": cells - 1}
         if self.jerky:
             free["p"] = cells + 1
             parts |= {"a_start": cells, "a_end": cells, "p_jump": cells - 1}
+        parts |= {name: cells for name in self.tangents}
         gauss = "p" if self.jerky else "q"
         parts |= {f"{gauss}_{point}": cells for point in _GAUSS_POINTS}
         sizes = free | parts
@@ -178,17 +206,22 @@ class Separation:
         jump = np.eye(cells, cells - 1)
         between = np.eye(cells - 1)
         step = np.eye(cells - 1, cells, 1) - np.eye(cells - 1, cells)
+        turned = self._turned()
+        falls = {name: -w @ part for name, part in turned.items()}
+        grown = {name: np.diag(-c * self.widths)[:-1] for name, c in self.tangents.items()}
         equations = [
-            # q_{i+1} = q_i − λ w + v w + jump
-            {"q": end - start, "slope": w, "v": -w, "q_jump": -jump},
-            # λ_{i+1} = λ_i + jump
-            {"slope": step, "slope_jump": -between},
+            # q_{i+1} = q_i − λ w + v w + jump, where λ may grow
+            {"q": end - start, "slope": w, "v": -w, "q_jump": -jump, **falls},
+            # λ_{i+1} = λ_i + growth + jump
+            {"slope": step, "slope_jump": -between, **grown},
         ]
         if not self.jerky:
             # q at the Gauss points: without p, acceleration pays for all of q
             for point, share in _GAUSS_POINTS.items():
                 s = share * w
-                equations.append({"q": start, "slope": -s, "v": s, f"q_{point}": -np.eye(cells)})
+                falls = {name: s @ part for name, part in turned.items()}
+                gauss = {"slope": -s, "v": s, f"q_{point}": -np.eye(cells)}
+                equations.append({"q": start, **gauss, **falls})
             return equations
         # p_{i+1} = p_i + ∫ (a − q) over the cell + jump, then p at the Gauss points
         whole = self._p_gained(self.widths)
@@ -199,6 +232,27 @@ class Separation:
             equations.append({"p": start, f"p_{point}": -np.eye(cells), **gained})
         return equations
 
+    def _tangents(self) -> dict[str, Array]:
+        """Return the rates `c` of tangents in each cell, by their names, `(cells,)` each."""
+        if not self.acts.any():
+            return {}
+        falling = self.relaxation.falling
+        offset = float(falling.offset[self.joint])
+        scale = float(falling.deceleration[self.joint]) * self.time  # c = d T / (v + o)
+        most = offset + float(self.relaxation.v[:, self.joint].max())
+        everywhere = np.geomspace(max(offset, _LEAST_PLACE * most), most, _TANGENTS)
+        at, known = self.places
+        if np.isnan(known).any():
+            known = np.full_like(known, np.log(everywhere[len(everywhere) // 2]))
+        near = np.exp(np.interp(self.starts + self.widths / 2, at, known))
+        places = [np.full_like(near, place) for place in everywhere]
+        places += [factor * near for factor in _NEAR_PLACES]
+        return {f"fall_{number}": scale / place for number, place in enumerate(places)}
+
+    def _turned(self) -> dict[str, Array]:
+        """Return by how much a tangent's part turns `q`: `λ` grows with it, by half on average."""
+        return {name: np.diag(1 - c * self.widths / 2) for name, c in self.tangents.items()}
+
     def _p_gained(self, s: Array) -> dict[str, Array]:
         """Return the coefficients of `∫ (a − q)` from a cell's start to `s`.
 
@@ -206,7 +260,9 @@ class Separation:
         """
         half_square = s**2 / 2
         at_end = half_square / self.widths
+        turned = {name: np.diag(-half_square) @ part for name, part in self._turned().items()}
         return {
+            **turned,
             "q": np.diag(-s) @ np.eye(len(s), len(s) + 1),
             "slope": np.diag(half_square),
             "v": np.diag(-half_square),
@@ -239,6 +295,12 @@ class Separation:
                 "p_second": j * half,
                 "slope_jump": self.slack[side] * inverse,
             }
+            falling = self.relaxation.falling
+            offset = falling.offset[self.joint]
+            distance = falling.distance[side, self.segment, self.joint] * inverse
+            for name, c in self.tangents.items():
+                fallen = falling.deceleration[self.joint] * time / (2 * c) + c * distance
+                prices[name] = self.widths * (fallen - offset)
             for name, price in prices.items():
                 if name in self.at and np.isfinite(price).all():
                     costs[self._part(name, upwards=side == 1)] = price
@@ -253,6 +315,8 @@ class Separation:
                 free += ["p_first", "p_second"]
             if np.isinf(self.slack[side]):
                 free.append("slope_jump")
+            if not self.acts[side]:
+                free += list(self.tangents)
             for name in free:
                 highest[self._part(name, upwards=side == 1)] = 0.0
         return highest
@@ -263,12 +327,16 @@ class Separation:
         objective = self._costs(time, inverse, square)
         displacement = self.relaxation.h[self.segment, self.joint]
         objective[self.at["slope"][-1]] -= displacement * inverse
+        for name, c in self.tangents.items():
+            for upwards, sign in ((True, 1.0), (False, -1.0)):
+                grown = sign * c[-1] * self.widths[-1]
+                objective[self._part(name, upwards)[-1]] -= displacement * inverse * grown
         objective[self.at["q"][[0, -1]]] += [v_start, -v_end]
         if self.jerky:
             objective[self.at["p"][[0, -1]]] += [a_start, -a_end]
         answer = self.program.minimised(objective)
         if answer.x is None:
-            return 0.0, np.zeros((0, costates.CELL_COLUMNS))
+            return 0.0, np.zeros((0, costates.RATE + 1))
         return -answer.value, self._cells(answer.x)
 
     def _cells(self, x: Array) -> Array:
@@ -283,6 +351,14 @@ class Separation:
         slope = x[self.at["slope"]]
         q0 = x[self.at["q"][:-1]]
         q1 = difference("v") - slope
+        rate = np.zeros_like(slope)
+        mass = np.zeros_like(slope)
+        for name, c in self.tangents.items():
+            part = difference(name)
+            q1 += part * (1 - c * self.widths / 2)
+            rate += c * part
+            mass += part
+        self._keep_places(rate, mass)
         p = np.zeros((3, len(slope)))
         if self.jerky:
             start = difference("a_start")
@@ -293,7 +369,16 @@ class Separation:
             gauss = np.stack([difference("p_first"), difference("p_second")])
             size = np.abs(gauss).max(axis=0)
             p[:, size <= _ZERO_RTOL * size.max()] = 0.0
-        return np.column_stack([self.starts, *p, q0, q1, slope])
+        return np.column_stack([self.starts, *p, q0, q1, slope, rate])
+
+    def _keep_places(self, rate: Array, mass: Array) -> None:
+        """Keep where the parabola was touched, for the tangents of the next program."""
+        touched = rate * mass > 0
+        if touched.any():
+            scale = self.relaxation.falling.deceleration[self.joint] * self.time
+            at = self.starts + self.widths / 2
+            places = np.log(scale * mass[touched] / rate[touched])
+            self.places = np.array([at[touched], places])
 
 
 def _without_idle_borders(cells: Array) -> Array:

@@ -113,7 +113,7 @@ points = exact(separate(said["problem"]["waypoints"]))
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
 tables = [("", said["problem"]["waypoints"]), *(("", sided(own)) for own in pairs)]
-others = sorted(limits.keys() - set(LIMITS))  # a bound without them is one with them
+others = sorted(limits.keys() - set(LIMITS))  # a bound without one of them is one with it
 if digest(tables + [(name, limits[name]) for name in others]) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
 moving = [j for j in range(len(points[0])) if len({x[j] for x in points}) > 1]
@@ -123,6 +123,8 @@ V = [[abs(v) for v in pairs[0][j]] for j in moving]  # down and up
 A = [[abs(a) for a in pairs[1][j]] for j in moving]
 J = [[None if x is None else abs(x) for x in pairs[2][j]] for j in moving]
 positions = [pairs[3][j] for j in moving]
+falls = [limits.get("falling_velocity", {j: [None]})[j] for j in moving]  # o, d and the range
+falls = [None if None in fall else fall for fall in falls]
 
 
 # --- a bound in closed form: the longest way of one joint from rest to rest in a given time ---
@@ -162,10 +164,34 @@ J = [[x and x * unit**3 / sizes[j] for x in J[j]] for j in range(N)]
 for j in range(N):
     reached = up(U / (1 / A[j][0] + 1 / A[j][1]))  # the motion starts and ends at rest
     V[j] = [min(v * unit / sizes[j], reached) for v in V[j]]
+falls = [f and [f[0] * unit / x, f[1] * unit**2 / x] + f[2:] for f, x in zip(falls, sizes)]
 jerky = [j for j in range(N) if J[j] != [None, None]]
 inner = [(k, j) for k in range(K - 1) for j in jerky]  # waypoints and joints with an acceleration
 M = (K - 1) * N
 S, Q, v, a, before, after = K, 2 * K, 3 * K, 3 * K + M, 3 * K + 2 * M, 3 * K + 3 * M
+
+
+def near(
+    k, j, side
+):  # from waypoint k to the end of the range; what is left of it for motion to it
+    o, d, *ends = falls[j]
+    distance = abs(ends[side] - points[k][moving[j]]) / sizes[j]
+    return distance, distance - o**2 / (2 * d)
+
+
+def allowed(k, j, side):  # highest velocity at waypoint k
+    if falls[j] is None:
+        return V[j][side]
+    o, d, *_ = falls[j]
+    return min(V[j][side], max(root(2 * d * near(k, j, side)[0]) + 1 / Fraction(DIGITS) - o, NONE))
+
+
+def wall(k, j, side):  # farthest position in segment k from its start
+    sign = 1 if side else -1
+    limit = positions[j][side]
+    ends = [] if limit is None else [sign * (limit - points[k][moving[j]]) / sizes[j]]
+    ends += [max(near(k, j, side)[1], NONE)] if falls[j] else []
+    return sign * min(ends) if ends else refuse("λ changes without a position limit")
 
 
 def root_box():
@@ -174,7 +200,7 @@ def root_box():
         low[k] = max(down(abs(h) / V[j][h > 0]) for j, h in enumerate(row))
         high[k] = U
     for k, j in ((k, j) for k in range(K - 1) for j in range(N)):
-        low[v + k * N + j], high[v + k * N + j] = -V[j][0], V[j][1]
+        low[v + k * N + j], high[v + k * N + j] = -allowed(k + 1, j, 0), allowed(k + 1, j, 1)
         if j in jerky:
             low[a + k * N + j], high[a + k * N + j] = -A[j][0], A[j][1]
     return low, high
@@ -230,7 +256,7 @@ def jumps(functions, widths, weights):
 
 
 def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
-    starts, *_, slopes = zip(*cells, strict=True)
+    starts, *_, slopes, rates = zip(*cells, strict=True)
     widths = [end - start for start, end in pairwise([*starts, Fraction(1)])]
     if starts[0] != 0 or min(widths) <= 0:
         refuse("cells that do not divide a segment")
@@ -244,16 +270,25 @@ def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
             f[0] -= min(0, *values) if J[j][0] is None else max(0, *values)
     jerk = [x or 0 for x in J[j]]
     bends = [[f[1] + g[0], 2 * f[2] + g[1], NONE] for f, g in zip(p, q, strict=True)]
-    turns = [[g[1] + slope, NONE, NONE] for g, slope in zip(q, slopes, strict=True)]
-    distance = 0
-    for change in (later - earlier for earlier, later in pairwise(slopes)):
-        if change:
-            limit = positions[j][change > 0]
-            if limit is None:
-                refuse("λ jumps without a position limit")
-            distance += change * (limit - points[k][moving[j]]) / sizes[j]
-    row = {k: -jumps(p, widths, A[j]), S + k: slopes[-1] * way[k][j] - distance, Q + k: 0}
+    turns = [[g[1] + s, rate, NONE] for g, s, rate in zip(q, slopes, rates, strict=True)]
+    ends = [s + rate * width for s, rate, width in zip(slopes, rates, widths, strict=True)]
+    changes = [later - end for end, later in zip(ends, slopes[1:], strict=False)]
+    distance = sum(change * wall(k, j, change > 0) for change in changes if change)
+    row = {k: -jumps(p, widths, A[j]), Q + k: 0}
     bound = jumps(q, widths, V[j])
+    for turn, width in zip(turns, widths, strict=True):  # λ changes at a rate
+        start, rate, _ = turn
+        side = rate > 0
+        if rate and falls[j] and start * rate >= 0 and near(k, j, side)[1] > 0:
+            o, d, *_ = falls[j]  # μ v + λ' x is at most d T μ²/(2 λ') + λ' S (end − start) − o μ
+            start, rate, turn[:] = abs(start), abs(rate), [NONE] * 3
+            end = start + rate * width
+            row[k] -= d * width * (start**2 + start * end + end**2) * THIRD / (2 * rate)
+            distance += rate * width * near(k, j, side)[0]
+            bound -= o * width * (start + end) * HALF
+        elif rate:
+            distance += rate * width * wall(k, j, side)
+    row[S + k] = ends[-1] * way[k][j] - distance
     for f, bend, turn, width in zip(p, bends, turns, widths, strict=True):
         row[Q + k] -= weighed(f, width, jerk)
         row[k] -= weighed(bend, width, A[j])
@@ -296,9 +331,12 @@ for k, j, side in proof.get("ramps", []):
 if any(t <= 0 for _, t in [*squares, *proof["tangents"]]):
     refuse("a tangent at 0 or below")
 used = 0
+cells = [[*cell, NONE] for cell in proof["cells"]]
+for cell, rate in proof.get("rates", []):
+    cells[whole(cell, len(cells))][-1] = rate
 for k, j, count in proof["cuts"]:
-    last = used + whole(count, len(proof["cells"]) - used + 1)
-    others.append(cut(whole(k, K), whole(j, N), proof["cells"][used:last]))
+    last = used + whole(count, len(cells) - used + 1)
+    others.append(cut(whole(k, K), whole(j, N), cells[used:last]))
     used = last
 
 
