@@ -123,7 +123,7 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
 class _Parts(NamedTuple):
     """Costates of rows, `(rows, cells)`, and their limits' sizes, `(2, rows, 1)`.
 
-    `together` says where `q' + λ` and the rate of `λ` are paid together by a falling velocity limit.
+    `together` says where a falling velocity limit pays for both `q' + λ` and the rate of `λ`.
     """
 
     widths: Array

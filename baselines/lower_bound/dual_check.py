@@ -58,7 +58,7 @@ class BoundProof:
         square_tangents: Segment and place of each square tangent of `jerk_rows`; optional.
         ramps: Segment, joint and side of each ramp of `jerk_rows`, `(ramps, 3)`; optional.
         cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
-        cells: Their cells one after the other, `(cells, 7)`, as in `costates.row` but for the rates.
+        cells: Their cells one after the other, `(cells, 7)`: those of `costates.row` without rates.
         rates: Number of a cell and the rate of its `λ`, `(rates, 2)`; optional, 0 elsewhere.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
             move a side of the box to the value, or as far as the multipliers prove if that is less

@@ -39,8 +39,8 @@ _GRID_ERROR = 2.0
 _ZERO_RTOL = 1e-9
 # A smaller integral of one sign counts as no change of sign, relative to the other sign's integral.
 _SIGN_CHANGE_RTOL = 1e-3
-# Tangents of a falling velocity limit: number of places from the offset to the highest velocity, the
-# least of them relative to the highest, and factors on the place found before.
+# Tangents of a falling velocity limit: number of places from the offset to the highest velocity,
+# the least of them relative to the highest, and factors on the place found before.
 _TANGENTS = 6
 _LEAST_PLACE = 0.03
 _NEAR_PLACES = (0.93, 1.0, 1.08)
@@ -163,7 +163,7 @@ class Separation:
         if self.jerky:
             free["p"] = cells + 1
             parts |= {"a_start": cells, "a_end": cells, "p_jump": cells - 1}
-        parts |= {name: cells for name in self.tangents}
+        parts |= dict.fromkeys(self.tangents, cells)
         gauss = "p" if self.jerky else "q"
         parts |= {f"{gauss}_{point}": cells for point in _GAUSS_POINTS}
         sizes = free | parts

@@ -164,16 +164,16 @@ J = [[x and x * unit**3 / sizes[j] for x in J[j]] for j in range(N)]
 for j in range(N):
     reached = up(U / (1 / A[j][0] + 1 / A[j][1]))  # the motion starts and ends at rest
     V[j] = [min(v * unit / sizes[j], reached) for v in V[j]]
-falls = [f and [f[0] * unit / x, f[1] * unit**2 / x] + f[2:] for f, x in zip(falls, sizes)]
+for fall, size in zip(falls, sizes, strict=True):
+    if fall:
+        fall[:2] = fall[0] * unit / size, fall[1] * unit**2 / size
 jerky = [j for j in range(N) if J[j] != [None, None]]
 inner = [(k, j) for k in range(K - 1) for j in jerky]  # waypoints and joints with an acceleration
 M = (K - 1) * N
 S, Q, v, a, before, after = K, 2 * K, 3 * K, 3 * K + M, 3 * K + 2 * M, 3 * K + 3 * M
 
 
-def near(
-    k, j, side
-):  # from waypoint k to the end of the range; what is left of it for motion to it
+def near(k, j, side):  # from waypoint k to the end of the range, and to where nothing is allowed
     o, d, *ends = falls[j]
     distance = abs(ends[side] - points[k][moving[j]]) / sizes[j]
     return distance, distance - o**2 / (2 * d)

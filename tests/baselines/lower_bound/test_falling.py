@@ -14,9 +14,9 @@ import pytest
 
 from baselines.collocation.uniform import Collocation
 from baselines.lower_bound import costates
-from baselines.lower_bound.bound import certify
-from baselines.lower_bound.certify import Certify
+from baselines.lower_bound.bound import prove
 from baselines.lower_bound.dual_check import BoundProof, cuts, proved_bound
+from baselines.lower_bound.planner import Prove
 from baselines.lower_bound.relaxation import Relaxation
 from tests.baselines.collocation.test_falling import one_joint, to_rest_near_the_end
 from tests.baselines.lower_bound.test_proof import assert_rows_hold, random_cells, variables
@@ -74,7 +74,7 @@ def test_cells_without_rates_are_cells_with_rates_of_zero():
 def test_the_optimum_along_the_parabola_is_proved(goal):
     problem = one_joint(0.0, goal)
     optimum = to_rest_near_the_end(abs(goal))
-    found = certify(problem, within=2e-4, time_limit=20)
+    found = prove(problem, within=2e-4, time_limit=20)
     assert found.status == "proved"
     assert optimum * (1 - 2e-4) <= found.lower_bound <= optimum * (1 + 1e-9)
     assert found.upper_bound >= optimum * (1 - 1e-9)
@@ -99,7 +99,7 @@ def checked(monkeypatch, problem: Problem, lower_bound: float, proof: BoundProof
 @pytest.mark.parametrize(("seed", "jerk"), [(0, None), (2, 200.0)])
 def test_the_script_confirms_a_proof_and_no_more(monkeypatch, seed, jerk):
     problem = two_joints(seed, jerk=jerk)
-    found = certify(problem, within=5e-3, time_limit=10)
+    found = prove(problem, within=5e-3, time_limit=10)
     assert found.proved_within < 5.01e-3
     assert found.proof.rates.size
     assert checked(monkeypatch, problem, found.lower_bound, found.proof)
@@ -117,7 +117,7 @@ def test_the_script_confirms_a_proof_and_no_more(monkeypatch, seed, jerk):
 
 def test_a_proof_is_stored_and_read_back_with_its_rates():
     problem = one_joint(0.0, 2.7)
-    planner = Certify(within=1e-3, time_limit=10)
+    planner = Prove(within=1e-3, time_limit=10)
     assert planner.relation(problem) is Relation.SAME
     found = planner.solve(problem)
     assert found.status is Status.SOLVED
@@ -126,19 +126,19 @@ def test_a_proof_is_stored_and_read_back_with_its_rates():
     free = problem.without("falling_velocity")
     with pytest.raises(InvalidInput, match="no rate of λ"):
         planner.stored_bound(free, found.stats)
-    plain = certify(free, time_limit=10).proof.arrays()
+    plain = prove(free, time_limit=10).proof.arrays()
     assert "proof_rates" not in plain
 
 
 def test_a_waypoint_out_of_reach_is_infeasible_for_the_bound():
-    found = Certify().solve(one_joint(0.0, 2.7475, 0.0))
+    found = Prove().solve(one_joint(0.0, 2.7475, 0.0))
     assert found.status is Status.INFEASIBLE
     assert "waypoint 2 of joint 1" in found.message
 
 
 def test_a_joint_that_begins_where_nothing_is_allowed_may_leave():
     problem = one_joint(2.748, 0.5, 1.5)
-    found = certify(problem, within=2e-4, time_limit=10)
+    found = prove(problem, within=2e-4, time_limit=10)
     assert found.status == "proved"
 
 
