@@ -36,7 +36,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, reduced
+from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # One joint's breaks and coefficients, as `Trajectory.joined` takes them.
@@ -77,7 +77,7 @@ class RuckigStop(Planner):
     requires = ("ruckig",)
     knows = (*LIMIT_NAMES, *END_STATES)
 
-    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         return _solution(problem, sections, sections.stopping, [])
@@ -99,7 +99,7 @@ class RuckigVia(RuckigStop):
         if self.evaluations < 1:
             raise InvalidInput("evaluations", "at least 1", value=self.evaluations)
 
-    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         states, history = improved(sections, self.evaluations)

@@ -35,7 +35,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline_family
 from trajopt.planners.planner import Planner, backend
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, reduced
+from trajopt.planners.reductions import SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.spline_family import SplineFamily
 
@@ -129,7 +129,7 @@ class Spline(Planner):
             shape, problem.segments, self.ends, jerk_limited=problem.has("jerk")
         )
 
-    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: times of the pieces, s; each start's outcome.
 

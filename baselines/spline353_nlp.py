@@ -26,7 +26,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
+from trajopt.planners.reductions import SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # Logarithms of the outer segment times over the middle one, all in stop times: the grid.
@@ -56,7 +56,7 @@ class Spline353NLP(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return spline353.unsupported(problem)
 
-    @reduced(EQUAL_WAYPOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima. `stats`: segment times, each start's duration.
 
@@ -92,8 +92,8 @@ class MovingSpline:
     def of(cls, problem: Problem) -> MovingSpline:
         """Return the spline of a problem with four waypoints that differ from their neighbours."""
         return cls(
-            displacements=problem.displacements.T[problem.moving],
-            limits=problem.limits.only(problem.moving),
+            displacements=problem.displacements.T,
+            limits=problem.limits,
             room=spline353.position_room(problem),
         )
 

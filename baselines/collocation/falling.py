@@ -43,7 +43,7 @@ class Falling(NamedTuple):
 
 
 def of(problem: Problem, unit: float, scale: Array, origin: Array) -> Falling:
-    """Return the limits of the joints that move.
+    """Return the limits of joints that all move.
 
     Args:
         problem: whose limits count.
@@ -51,13 +51,12 @@ def of(problem: Problem, unit: float, scale: Array, origin: Array) -> Falling:
         scale: unit of length of each joint, rad, `(joints,)`.
         origin: position of each joint that counts as 0, rad, `(joints,)`.
     """
-    moving = problem.moving
     own = problem.limits.kinds.get(FallingVelocity.key)
     rows = np.full((problem.joints, 4), np.nan)
     if isinstance(own, FallingVelocity):
         rows = own.rows
-    limits = FallingVelocity(rows[moving])
-    leaving = limits.slack(problem.waypoints[:-1, moving]) < 0
+    limits = FallingVelocity(rows)
+    leaving = limits.slack(problem.waypoints[:-1]) < 0
     offset, deceleration, low, high = limits.in_units(unit, scale[:, None]).rows.T
     ends = [high - origin / scale, low - origin / scale]
     top = np.sqrt(2 * deceleration * (high - low))

@@ -33,7 +33,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
+from trajopt.planners.reductions import SIMPLEST, reduced
 
 # First number of intervals per segment, without and with jerk limits.
 _START_INTERVALS = 6
@@ -86,7 +86,7 @@ class CollocationRefined(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided.unsupported(problem)
 
-    @reduced(EQUAL_WAYPOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima, refined.
 
@@ -216,7 +216,7 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
         at = relaxed.waypoint_times
         times = np.diff(at) / grid.unit
         velocities = relaxed(at, order=1)
-        inner = velocities[1:-1, grid.moving] * grid.unit / grid.scale
+        inner = velocities[1:-1] * grid.unit / grid.scale
         factor = max(_SLOWER, grid.dilation(relaxed))
         yield grid.cubics(factor * times, inner / factor)
     scaled = Scaled(grid.problem.without("jerk", *POSITION_DEPENDENT))
@@ -239,7 +239,7 @@ def _placed(grid: CollocationGrid, trajectory: Trajectory) -> Nodes:
     passed = trajectory.waypoint_times
     lengths = np.repeat(np.diff(passed) / grid.intervals, grid.intervals)
     times = np.append(0.0, np.cumsum(lengths))
-    rates = [trajectory(times, order)[:, grid.moving] for order in range(3)]
+    rates = [trajectory(times, order) for order in range(3)]
     # in the grid's units
     q, v, a = np.array(rates) / grid.scale
     moved = q - grid.origin / grid.scale

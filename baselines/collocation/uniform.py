@@ -32,7 +32,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
+from trajopt.planners.reductions import SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
 # An expression of constraints with its lowest and highest values.
@@ -84,7 +84,7 @@ class Collocation(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided.unsupported(problem)
 
-    @reduced(EQUAL_WAYPOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return a local optimum from a straight-line start that stops at every waypoint."""
         intervals = self.intervals * cells(problem)
@@ -131,7 +131,7 @@ class CollocationOptimum(NamedTuple):
 
 
 class CollocationGrid:
-    """The moving joints in their own units: mean stop time, acceleration limits of order one.
+    """Joints, which all move, in their own units: mean stop time, acceleration limits of order one.
 
     Attributes:
         intervals: Number of intervals per segment.
@@ -141,16 +141,14 @@ class CollocationGrid:
     """
 
     def __init__(self, problem: Problem, intervals: int) -> None:
-        moving = problem.moving
-        limits = problem.limits.only(moving)
-        waypoints = problem.waypoints[:, moving]
+        limits = problem.limits
+        waypoints = problem.waypoints
         stop = stop_times(problem)
         unit = float(stop.mean())
         scale = np.abs(limits.acceleration).min(axis=1) * unit**2
 
         self.problem = problem
         self.intervals = intervals
-        self.moving = moving
         self.unit = unit
         self.scale = scale
         self.origin = waypoints[0]
@@ -309,8 +307,7 @@ class CollocationGrid:
         parts *= self.scale / self.unit**powers
         parts[3] += self.origin
         joints = [(breaks[:, i], parts[:, :, i]) for i in range(len(self.scale))]
-        moving = Trajectory.joined(joints, at)
-        return moving.beside(self.problem.waypoints[0], self.moving)
+        return Trajectory.joined(joints, at)
 
 
 def _from_zero(lengths: Array) -> Array:

@@ -25,7 +25,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared, thinned
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
-from trajopt.planners.reductions import EQUAL_WAYPOINTS
+from trajopt.planners.reductions import SIMPLEST
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
@@ -90,14 +90,14 @@ def prove(
     began = time.perf_counter()
     if family not in ("free", "spline353"):
         raise InvalidInput("family", "'free' or 'spline353'", value=family)
-    merged = EQUAL_WAYPOINTS.apply(problem)
+    simpler = SIMPLEST.apply(problem)
     if family == "free":
-        bound = _free(merged, within, began, time_limit)
+        bound = _free(simpler, within, began, time_limit)
     else:
-        bound = _spline353(merged, within, began + time_limit)
+        bound = _spline353(simpler, within, began + time_limit)
     if bound.trajectory is None:
         return bound
-    return replace(bound, trajectory=EQUAL_WAYPOINTS.restored(problem, bound.trajectory))
+    return replace(bound, trajectory=SIMPLEST.restored(problem, bound.trajectory))
 
 
 def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:

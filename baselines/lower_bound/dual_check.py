@@ -31,6 +31,7 @@ from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import thinned
+from trajopt.planners.reductions import SIMPLEST
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
@@ -175,11 +176,10 @@ def proved_bound(problem: Problem, proof: BoundProof) -> float:
         InvalidInput: The proof is not one of this problem, or not in order.
     """
     _check_numbers(proof)
-    merged, _ = problem.merged()
     try:
         # an operation that raises no flag is exact, or rounds its last digit
         with np.errstate(all="raise"):
-            relaxation = relaxation_of(thinned(merged), proof)
+            relaxation = relaxation_of(thinned(SIMPLEST.apply(problem)), proof)
             rows = _proof_rows(relaxation, proof)
             lowest = _walked(relaxation, rows, proof)
     except ArithmeticError as error:

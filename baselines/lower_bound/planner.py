@@ -14,6 +14,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, Relation
+from trajopt.planners.reductions import SIMPLEST
 
 if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing planners needs none
     from baselines.lower_bound.bound import Bound
@@ -98,12 +99,12 @@ class Prove(Planner):
         """
         from baselines.lower_bound import dual_check, ratio_boxes
 
-        merged, _ = problem.merged()
+        simpler = SIMPLEST.apply(problem)
         if self.family == "free":
             of_all = dual_check.BoundProof.stored(stats)
-            return None if of_all is None else dual_check.proved_bound(merged, of_all)
+            return None if of_all is None else dual_check.proved_bound(simpler, of_all)
         of_splines = ratio_boxes.RatioProof.stored(stats)
-        return None if of_splines is None else ratio_boxes.proved_bound(merged, of_splines)
+        return None if of_splines is None else ratio_boxes.proved_bound(simpler, of_splines)
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"

@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory, verify
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, OWN_UNITS, RESTING_JOINTS, reduced
+from trajopt import Limits, Planner, Problem, Relation, Solution, Status, Trajectory, verify
+from trajopt.planners.reductions import (
+    EQUAL_WAYPOINTS,
+    OWN_UNITS,
+    RESTING_JOINTS,
+    SIMPLEST,
+    reduced,
+)
+from trajopt.planners.registry import load
 from trajopt.planners.rest_to_rest import stop_times
 
 ALL = (EQUAL_WAYPOINTS, RESTING_JOINTS, OWN_UNITS)
@@ -86,6 +93,35 @@ def test_a_planner_sees_the_simplest_problem_and_answers_the_whole():
     assert certificate.feasible
     assert solution.trajectory.joints == 3
     assert len(solution.trajectory.waypoint_times) == 4
+
+
+def test_reductions_one_by_one_are_one_reduction():
+    simpler = SIMPLEST.apply(PROBLEM)
+    assert SIMPLEST.accepts(PROBLEM)
+    assert not SIMPLEST.accepts(simpler)
+    assert simpler == RESTING_JOINTS.apply(EQUAL_WAYPOINTS.apply(PROBLEM))
+    back = SIMPLEST.invert(PROBLEM, cubics(simpler)).trajectory
+    np.testing.assert_array_equal(back(back.waypoint_times)[:, 1], PROBLEM.waypoints[:, 1])
+    np.testing.assert_allclose(back(back.waypoint_times), PROBLEM.waypoints, atol=1e-12)
+
+
+def test_a_joint_that_starts_in_motion_moves_although_its_waypoints_are_the_same():
+    waypoints = [[0.0, 1.0], [1.0, 1.0]]
+    problem = Problem(waypoints, Limits([2.0, 2.0], [4.0, 4.0]), start_velocity=[0.0, 0.5])
+    assert not RESTING_JOINTS.accepts(problem)
+    assert SIMPLEST.apply(problem) is problem
+
+
+@pytest.mark.parametrize("name", ["exact", "exact-jerk"])
+def test_a_limit_of_a_joint_that_rests_relaxes_nothing(name):
+    limits = Limits([1.0, 1.0], [2.0, 2.0], position=[[-np.inf, np.inf], [0.0, 2.0]])
+    problem = Problem([[0.0, 1.0], [1.5, 1.0]], limits)
+    planner = load(name)
+    solution = planner.solve(problem)
+    assert planner.relation(problem) is Relation.SAME
+    assert (solution.status, solution.message) == (Status.SOLVED, "")
+    assert solution.trajectory.duration == pytest.approx(2.0, rel=1e-12)  # 1.5/1 + 1/2
+    assert verify(problem, solution.trajectory).feasible
 
 
 def test_an_answer_without_a_motion_stays_as_it_is():

@@ -9,7 +9,6 @@ trajopt.judge("six-axis", f.trajectory(best))
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -22,6 +21,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
+from trajopt.planners.reductions import SIMPLEST
 from trajopt.planners.swarm_planner import JointGroup, SwarmPlanner
 from trajopt.planners.timing import FamilyTiming, Timing
 
@@ -72,8 +72,8 @@ class Objective:
         self.problem = problem
         self.shape = str(shape)
         self.fitness = fitness
-        self._merged, self._index = problem.merged()
-        self._timing = _timing(self._merged, self.shape, lower, upper)
+        self._simpler = SIMPLEST.apply(problem)
+        self._timing = _timing(self._simpler, self.shape, lower, upper)
         self.variables = self._timing.variables
         self.low = np.full(self.variables, self._timing.low)
         self.high = np.full(self.variables, self._timing.high)
@@ -111,8 +111,8 @@ class Objective:
         inside = self._inside(candidate)
         if self.fitness == "scaled":
             inside = inside * self._timing.dilation(inside[None])
-        motion = self._timing.trajectory(self._merged, inside)
-        return replace(motion, waypoint_times=motion.waypoint_times[self._index])
+        motion = self._timing.trajectory(self._simpler, inside)
+        return SIMPLEST.restored(self.problem, motion)
 
     def __repr__(self) -> str:
         name = self.problem.name or "a problem"
@@ -145,13 +145,10 @@ def unsupported(problem: Problem, shape: str) -> str | None:
     reason = Planner.unsupported(SwarmPlanner(), problem)  # a kind of limit that no timing knows
     if reason is not None:
         return reason
-    merged, _ = problem.merged()
     if shape == CLOSED_FORM:
         return spline353.unsupported(problem) or spline353.infeasible(problem)
-    if not merged.moving.any():
-        return "no joint moves"
     try:
-        FamilyTiming.of(merged, shape, LOWER, UPPER)
+        FamilyTiming.of(SIMPLEST.apply(problem), shape, LOWER, UPPER)
     except InvalidInput as error:
         return str(error)
     return None
@@ -159,5 +156,5 @@ def unsupported(problem: Problem, shape: str) -> str | None:
 
 def _timing(problem: Problem, shape: str, lower: float, upper: float) -> Timing:
     if shape == CLOSED_FORM:
-        return JointGroup.of(problem, np.flatnonzero(problem.moving), lower, upper)
+        return JointGroup.of(problem, np.arange(problem.joints), lower, upper)
     return FamilyTiming.of(problem, shape, lower, upper)

@@ -1,6 +1,6 @@
 """Reductions: a problem made simpler for a planner, and the answer brought back.
 
-    @reduced(EQUAL_WAYPOINTS, RESTING_JOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution: ...
 
 sees a problem in which consecutive waypoints differ and every joint moves; who calls it gets the
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Any, TypeVar, cast
 
@@ -103,27 +103,51 @@ class OwnUnits(Reduction):
         return float(stops.sum()), float(np.abs(problem.displacements).max())
 
 
+@dataclass(frozen=True)
+class OneByOne(Reduction):
+    """Several reductions, the first one first; each sees what those before it have made."""
+
+    reductions: tuple[Reduction, ...]
+
+    def accepts(self, problem: Problem) -> bool:
+        return bool(self._applied(problem))
+
+    def apply(self, problem: Problem) -> Problem:
+        for reduction, asked in self._applied(problem):
+            problem = reduction.apply(asked)
+        return problem
+
+    def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        for reduction, asked in reversed(self._applied(problem)):
+            motion = reduction.restored(asked, motion)
+        return motion
+
+    def _applied(self, problem: Problem) -> list[tuple[Reduction, Problem]]:
+        """Each reduction that makes something simpler, with the problem that it sees."""
+        applied: list[tuple[Reduction, Problem]] = []
+        for reduction in self.reductions:
+            if reduction.accepts(problem):
+                applied.append((reduction, problem))
+                problem = reduction.apply(problem)
+        return applied
+
+
 EQUAL_WAYPOINTS = EqualWaypoints()
 RESTING_JOINTS = RestingJoints()
 OWN_UNITS = OwnUnits()
+SIMPLEST = OneByOne((EQUAL_WAYPOINTS, RESTING_JOINTS))
+"""Consecutive waypoints differ, and every joint moves: what most planners and the bound solve."""
 
 
 def reduced(*reductions: Reduction) -> Callable[[SolveT], SolveT]:
     """Decorate a method that solves a problem to see it reduced, by the first reduction first."""
+    every = OneByOne(reductions)
 
     def decorated(solve: SolveT) -> SolveT:
         @wraps(solve)
         def whole(self: Any, problem: Problem, *arguments: Any, **keywords: Any) -> Solution:
-            simpler = problem
-            applied: list[tuple[Reduction, Problem]] = []
-            for reduction in reductions:
-                if reduction.accepts(simpler):
-                    applied.append((reduction, simpler))
-                    simpler = reduction.apply(simpler)
-            solution = solve(self, simpler, *arguments, **keywords)
-            for reduction, asked in reversed(applied):
-                solution = reduction.invert(asked, solution)
-            return solution
+            solution = solve(self, every.apply(problem), *arguments, **keywords)
+            return every.invert(problem, solution)
 
         return cast(SolveT, whole)
 

@@ -255,16 +255,14 @@ def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Bools:
 
 
 def position_room(problem: Problem) -> Array | None:
-    """Return the position limits of the joints that move, seen from the second waypoint.
+    """Return the position limits, seen from the second waypoint.
 
     `(joints, 2)`, rad; None where there are no position limits.
     """
-    moving = problem.moving
-    limits = problem.limits.position[moving]
+    limits = problem.limits.position
     if not np.isfinite(limits).any():
         return None
-    start = problem.waypoints[1, moving]
-    return limits - start[:, None]
+    return limits - problem.waypoints[1, :, None]
 
 
 def position_excess(displacements: Array, times: Array, room: Array) -> Array:

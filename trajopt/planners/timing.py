@@ -111,11 +111,11 @@ class FamilyTiming(Timing):
 
     Attributes:
         family: The degrees of its pieces, whose times are the variables.
-        moving: The problem of the joints that move, whose consecutive waypoints differ.
+        problem: Whose joints all move, and whose consecutive waypoints differ.
     """
 
     family: SplineFamily
-    moving: Problem
+    problem: Problem
     low: float
     high: float
 
@@ -124,7 +124,7 @@ class FamilyTiming(Timing):
         """Return the spline of a shape, such as "4-3-4", through a problem's waypoints.
 
         Args:
-            problem: Whose consecutive waypoints differ.
+            problem: Whose joints all move, and whose consecutive waypoints differ.
             shape: As `spline_family.family` reads it.
             lower: The box's lower end, over its upper one.
             upper: Its upper end, over the longest stop-to-stop time of a segment.
@@ -135,15 +135,14 @@ class FamilyTiming(Timing):
         jerk_limited = problem.has("jerk")
         family = spline_family.family(shape, problem.segments, "rest", jerk_limited)
         high = upper * float(stop_times(problem.without("position")).max())
-        moving = problem.only(np.flatnonzero(problem.moving))
-        return cls(family, moving, low=lower * high, high=high)
+        return cls(family, problem, low=lower * high, high=high)
 
     @property
     def variables(self) -> int:  # type: ignore[override]
         return self.family.pieces
 
     def uses(self, times: Array, exact_above: float = 0.0) -> list[Array]:
-        own = self.moving
+        own = self.problem
         unit = self._unit(times)
         lengths = times.T.reshape(-1)
         bounds = [own.limits.velocity, own.limits.acceleration]
@@ -156,7 +155,7 @@ class FamilyTiming(Timing):
         return uses
 
     def outside(self, times: Array) -> Array | None:
-        own = self.moving
+        own = self.problem
         if not own.has("position"):
             return None
         span = np.ptp(own.waypoints, axis=0)
@@ -178,7 +177,7 @@ class FamilyTiming(Timing):
 
     def _unit(self, times: Array) -> Array:
         """All candidates' pieces on the unit interval, `(degree + 1, pieces · N, joints)`."""
-        controls = self.family.smoothest(self.moving.displacements, times)
+        controls = self.family.smoothest(self.problem.displacements, times)
         unit = self.family.powers(np.moveaxis(controls, 0, 1))
         return unit.reshape(len(unit), -1, unit.shape[-1])
 

@@ -33,7 +33,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
+from trajopt.planners.reductions import SIMPLEST, reduced
 
 Start = tuple[Array, Array]  # segment times, waypoint velocities
 
@@ -59,7 +59,7 @@ class Exact(SeveralStarts):
 
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    @reduced(EQUAL_WAYPOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best local optimum of `starts`, or of more where all of those failed.
 

@@ -30,7 +30,7 @@ from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
+from trajopt.planners.reductions import SIMPLEST, reduced
 
 # Times `starts`: how many are tried where all have failed so far.
 MAX_STARTS_FACTOR = 3
@@ -63,7 +63,7 @@ class ExactJerk(SeveralStarts):
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided.unsupported(problem)
 
-    @reduced(EQUAL_WAYPOINTS)
+    @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: each start's status and duration (s).
 

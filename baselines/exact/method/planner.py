@@ -18,6 +18,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation
+from trajopt.planners.reductions import SIMPLEST
 
 Start = TypeVar("Start")
 
@@ -69,10 +70,10 @@ class SeveralStarts(Planner):
                 raise InvalidInput(name, "at least 1", value=value)
 
     def relation(self, problem: Problem) -> Relation:
-        """With limits that are ignored it solves a relaxation."""
+        """With limits that are ignored, of joints that move, it solves a relaxation."""
         if self.joins_segments(problem):
             return Relation.RESTRICTION
-        return Relation.RELAXATION if self.unknown(problem) else Relation.SAME
+        return Relation.RELAXATION if self.unknown(SIMPLEST.apply(problem)) else Relation.SAME
 
     def announce(self, planner: str, problem: Problem) -> None:
         """Say about how long it will take, if that is long."""
