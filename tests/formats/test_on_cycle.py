@@ -139,3 +139,24 @@ def test_samples_come_back_to_the_last_bit(tmp_path):
     assert back.joint_names == samples.joint_names
     for name in ("times", "positions", "velocities", "accelerations"):
         assert np.array_equal(getattr(back, name), getattr(samples, name))
+
+
+@pytest.mark.parametrize("jerk", [None, [5000.0]])
+@pytest.mark.parametrize(
+    "waypoints",
+    [
+        [[0.0], [2.7], [2.0]],
+        [[0.0], [-2.7], [-2.0]],
+        [[2.748], [2.6], [0.5]],  # begins where nothing is allowed
+    ],
+)
+def test_a_falling_velocity_limit_is_kept_between_the_points(waypoints, jerk):
+    """Joint 1 of the Franka FR3 along the parabola: a chord on each piece keeps what is run."""
+    law = {"offset": [0.3], "deceleration": [6.0], "position": [[-2.7501, 2.7501]]}
+    problem = Problem(waypoints, Limits([2.62], [10.0], jerk, falling_velocity=law))
+    planned, found = motion(problem, "collocation", 1e-3)
+    certificate = executed(problem, found, found.at_breaks(["a"]))
+    assert certificate.feasible
+    if waypoints[0] == [0.0]:
+        assert certificate.uses["falling_velocity"].value > 0.95
+    assert found.duration < planned.duration * 1.002 + 2e-3

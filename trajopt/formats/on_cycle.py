@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LimitName
+from trajopt.core.limits import FallingVelocity, LimitName
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.samples import Samples
@@ -173,6 +173,7 @@ class _CycleSearch:
         breaks = np.union1d(self._breaks(stretched, cycles), waypoints)
         times = np.asarray(breaks * self.cycle, dtype=float)
         passing = np.searchsorted(breaks, waypoints)
+        course = stretched(times)
         planned = stretched(times, self.order - 1)
         joints = []
         for joint in range(self.problem.joints):
@@ -184,6 +185,7 @@ class _CycleSearch:
                 limits=self.problem.limits.only([joint]),
                 planned=planned[:, joint],
                 ends=self.problem.route.ends(joint, self.order - 1),
+                course=course[:, joint],
             )
             states = program.solved()
             if states is None:
@@ -206,9 +208,13 @@ class _CycleSearch:
         return found
 
     def _breaks(self, stretched: Trajectory, cycles: int) -> Indices:
-        """The nearest whole cycles of the breaks, and more where pieces have a higher degree."""
+        """The nearest whole cycles of the breaks.
+
+        More stand where pieces have a higher degree, and where velocity limits fall: these are no
+        straight lines.
+        """
         wanted = stretched.breaks / self.cycle
-        if not self._constant():
+        if not self._constant() or self.problem.has(FallingVelocity.key):
             step = max(1, cycles // MAX_PIECES)
             even = np.arange(0, cycles, step)
             wanted = np.append(wanted, even)

@@ -9,7 +9,9 @@ subject to Taylor's formula from break to break, the waypoints, the states at bo
 unless others are given), and every limit.
 At the breaks the states themselves are bounded. Inside a piece the Bernstein coefficients of
 position and velocity are bounded: the polynomial stays between them (docs/mathematics.md,
-section 10).
+section 10). So are those of a chord of the parabola where a velocity limit falls: the chord between
+the places where the planned motion is at the ends of the piece. It holds inside as long as the
+motion stays near the planned one.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import scipy  # imports its parts, half a second, where they are first used
 from numpy.typing import NDArray
 
 from trajopt.core.arrays import Array
-from trajopt.core.limits import Limits
+from trajopt.core.limits import FallingVelocity, Limits
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -57,6 +59,8 @@ class JointProgram:
         ends: Velocity (and acceleration, of order 3) at the start and at the end, rad and s,
             `(2, order - 1)`; None at rest.
         distance: What the program keeps from each limit, relative.
+        course: The planned position at the breaks, rad; without it falling velocity limits are not
+            counted.
     """
 
     times: Array
@@ -67,6 +71,7 @@ class JointProgram:
     planned: Array
     ends: Array | None = None
     distance: float = LIMIT_RTOL
+    course: Array | None = None
 
     def solved(self) -> Array | None:
         """Position and the derivatives below `u` at the breaks, `(order, pieces + 1)`; or None."""
@@ -116,7 +121,7 @@ class JointProgram:
 
     def _rates(self) -> Array | None:
         """The program's `u` on each piece, rad/s^order; None where it has no solution."""
-        parts = [self._distances(), *self._inside()]
+        parts = [self._distances(), *self._inside(), *self._falling()]
         dynamics = self._dynamics()
         cost = np.zeros(dynamics.shape[1])
         cost[-self._pieces :] = self._lengths
@@ -208,13 +213,45 @@ class JointProgram:
                     continue
                 most = np.full(self._pieces, side * limit)
                 for inner in range(1, degree):
-                    terms = []
-                    for power in range(inner + 1):
-                        share = comb(inner, power) / comb(degree, power)
-                        term = self._term(kind, power)
-                        terms.append(side * share * term)
-                    control = sum(terms)
-                    found.append((control, most))
+                    found.append((side * self._control(kind, degree, inner), most))
+        return found
+
+    def _control(self, kind: int, degree: int, number: int) -> csr_array:
+        """Rows of a Bernstein coefficient of a state on each piece, in this degree."""
+        terms = []
+        for power in range(min(number, self.order - kind) + 1):
+            share = comb(number, power) / comb(degree, power)
+            terms.append(share * self._term(kind, power))
+        return sum(terms)
+
+    def _falling(self) -> list[_Inequalities]:
+        """`(a + b) (v + o) ≤ 2 d w + a b` of a chord from `v + o = a` to `b`, with `w = H − q`.
+
+        Where the planned motion is where nothing is allowed, it leaves: `v ≤ 0`.
+        """
+        own = self.limits.kinds.get(FallingVelocity.key)
+        if self.course is None or not isinstance(own, FallingVelocity):
+            return []
+        ((offset, deceleration, *ends),) = own.rows.tolist()
+        lengths = np.diff(self.times)
+        drift = np.abs(np.diff(self.course)) / lengths * lengths.min()
+        at = np.array([self.course[:-1], self.course[1:]])
+        found = []
+        for sign, end in zip((-1.0, 1.0), ends, strict=True):
+            near, far = np.sort(sign * (end - at), axis=0) + [-drift, drift]
+            blocked = offset**2 / (2 * deceleration)
+            leaves = near < blocked
+            a, b = np.sqrt(2 * deceleration * np.maximum([near, far], blocked))
+            sums = a + b
+            slope = np.where(leaves, 0.0, 2 * deceleration / sums)  # of v by w
+            height = np.where(leaves, 0.0, a * b / sums - offset)
+            most = height + slope * sign * (end - self.positions[0])
+            for number in range(self.order + 1):
+                position, velocity = (self._control(kind, self.order, number) for kind in (0, 1))
+                by_position = slope * self._units[0] / self._units[1]
+                rows = scipy.sparse.diags_array(sign * by_position) @ position
+                rows += sign / (1 - self.distance) * velocity
+                found.append((rows, most / self._units[1]))
         return found
 
     def _distances(self) -> _Inequalities:

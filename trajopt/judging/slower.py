@@ -168,6 +168,7 @@ class _Search:
             planned=slower(times, order - 1)[:, joint],
             ends=self.problem.route.ends(joint, order - 1),
             distance=self.distance,
+            course=slower(times)[:, joint],
         )
         states = program.solved()
         if states is None:
