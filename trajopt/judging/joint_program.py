@@ -238,7 +238,9 @@ class JointProgram:
         at = np.array([self.course[:-1], self.course[1:]])
         found = []
         for sign, end in zip((-1.0, 1.0), ends, strict=True):
-            near, far = np.sort(sign * (end - at), axis=0) + [-drift, drift]
+            distances = sign * (end - at)
+            near = distances.min(axis=0) - drift
+            far = distances.max(axis=0) + drift
             blocked = offset**2 / (2 * deceleration)
             leaves = near < blocked
             a, b = np.sqrt(2 * deceleration * np.maximum([near, far], blocked))
