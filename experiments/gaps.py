@@ -1,15 +1,16 @@
 """Which gap to the best known motion does each planner leave, suite by suite?
 
-    python -m experiments.gaps                       # every suite, more than an hour on two cores
+    python -m experiments.gaps                       # every suite, an hour of one core
+    python -m experiments.gaps --also spline         # a planner that runs on request
     python -m experiments.gaps --quick               # six-axis alone
 
-It runs every registered planner with its default options on every problem of a suite; but not
-`prove`, which answers with another planner's motion, `smooth`, which is told a duration, and the
-libraries of optimisers, whose experiment is the arena. Planners that search at random run with
-`SEEDS` seeds. A gap is to the problem's best known motion. Where the planners of a suite do not
-support the same problems, a second column pairs them: the gap of one planner that supports most
-(the heading names it) on the problems of each line. The folder `--output` keeps the trials, and a
-second run adds only what is missing. Its files `gaps.csv` and `gaps.md` hold the table.
+It runs the planners that `trajopt compare` runs by default, with their default options, on every
+problem of a suite; but not `prove`, which answers with another planner's motion. Planners that
+search at random run with `SEEDS` seeds. A gap is to the problem's best known motion. Where the
+planners of a suite do not support the same problems, a second column pairs them: the gap of one
+planner that supports most (the heading names it) on the problems of each line. The folder
+`--output` keeps the trials, and a second run adds only what is missing. Its files `gaps.csv` and
+`gaps.md` hold the table.
 """
 
 from __future__ import annotations
@@ -25,19 +26,18 @@ from experiments.common.output import save_table, say
 from trajopt import compare
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
-from trajopt.planners.registry import entries
+from trajopt.explain.references import PROOF
+from trajopt.planners.registry import entries, load
 
 SEEDS = 3
-OTHERS = ("prove", "smooth", "mealpy", "pymoo", "nevergrad")
 TIMEOUT = 120.0  # s, of a trial
 PERCENT = 100
 
 
 def planners() -> list[str]:
-    """The names of those that run, and can run here."""
-    return [
-        name for name, entry in entries().items() if name not in OTHERS and entry.missing() is None
-    ]
+    """The names of those that run by default, and can run here."""
+    here = [name for name, entry in entries().items() if entry.missing() is None]
+    return [name for name in here if name != PROOF and not load(name).on_request]
 
 
 def columns(suite: str, planners: pd.DataFrame) -> dict[str, pd.Series[str]]:
@@ -76,6 +76,7 @@ def cell(row: Any) -> str:
 def main(
     *,
     suite: list[str] | None = None,
+    also: list[str] | None = None,
     output: Path = Path("gaps"),
     jobs: int = 2,
     quick: bool = False,
@@ -84,18 +85,20 @@ def main(
 
     Args:
         suite: Names of suites; all if left out.
+        also: Planners that run on request.
         output: The folder.
         jobs: Trials side by side.
         quick: The suite six-axis alone.
     """
     table: dict[str, pd.Series[str]] = {}
+    names = sorted([*planners(), *(also or [])])
     if quick:
         suite = ["six-axis"]
     for name in suite or catalogue.suites():
         say(f"every planner on {name}")
         results = compare(
             list(catalogue.problems(name)),
-            planners(),
+            names,
             output,
             seeds=SEEDS,
             jobs=jobs,
@@ -103,7 +106,7 @@ def main(
             progress=console.progress_line(),
         )
         table |= columns(name, results.planners())
-    wide = pd.DataFrame(table).reindex(planners()).rename_axis("planner").fillna("")
+    wide = pd.DataFrame(table).reindex(names).rename_axis("planner").fillna("")
     save_table(wide, output / "gaps")
     print(wide.to_string())
 

@@ -21,7 +21,7 @@ from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging import repair
+from trajopt.judging import repair, verification
 from trajopt.judging.verification import Tolerance, certified, verify
 from trajopt.planners import spline353
 
@@ -289,6 +289,29 @@ def test_a_waypoint_passed_at_another_time(late):
 def test_waypoints_in_the_wrong_order_are_missed():
     motion = quintic_motion(WAYPOINTS[[0, 2, 1, 3]], 4.0)
     assert not verify(Problem(WAYPOINTS, ROOM), motion).valid
+
+
+def test_what_passes_elsewhere_is_not_nearly_feasible():
+    """It keeps every limit without dilation, but it is no motion of this problem."""
+    certificate = verify(Problem(WAYPOINTS, ROOM), quintic_motion(WAYPOINTS[[0, 2, 1, 3]], 4.0))
+    assert certificate.dilation < 1
+    assert not certificate.nearly_feasible
+    assert not certificate.feasible
+
+
+@pytest.mark.parametrize("duration", [0.5, 1e6])
+def test_rounding_of_times_and_coordinates_is_allowed(duration):
+    """A break is off by 16 units in its last place: a derivative by that times the next limit."""
+    far = Problem([[1e3], [1e3 + 1]], Limits([2.0], [3.0], jerk=[5.0]))
+    none = Tolerance(0.0, 0.0, 0.0, 0.0, 0.0)
+    allowed = verification._allowed(far, duration, none)
+    late = 16 * np.finfo(float).eps * duration
+    position, velocity, acceleration = np.concatenate(allowed.jumps)
+    assert velocity == pytest.approx(late * 3)
+    assert acceleration == pytest.approx(late * 5)
+    assert position == pytest.approx(late * 2 + far.rounding[0])
+    assert allowed.waypoint == allowed.position_limit == far.rounding
+    assert allowed.blur == 4 * far.rounding
 
 
 CUTS = (0.25, 0.5, 0.75)  # unit pieces of a segment of 4 s
