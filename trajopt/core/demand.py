@@ -212,7 +212,8 @@ DEMANDS: Mapping[str, Demand] = {
 }
 """Every demand by its key, in the order of problem files."""
 
-END_STATES = ("start_velocity", "end_velocity", "start_acceleration", "end_acceleration")
+END_VELOCITIES = ("start_velocity", "end_velocity")
+END_STATES = (*END_VELOCITIES, "start_acceleration", "end_acceleration")
 """The states in which the motion begins and ends."""
 
 

@@ -30,6 +30,7 @@ from types import FunctionType
 from typing import Any, cast, get_type_hints
 
 from trajopt.core.demand import DEMANDS
+from trajopt.core.end_states import impossible
 from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
@@ -182,9 +183,13 @@ class Planner(ABC):
         return f"it does not know {' and '.join(refused)} limits"
 
     def _infeasible(self, problem: Problem) -> Solution | None:
-        """Return the answer to a problem that a limit which the planner knows makes impossible."""
+        """Return the answer to a problem that a limit which the planner knows makes impossible.
+
+        So do the states in which it is to begin and end, whatever the planner knows.
+        """
         known = (own for key, own in problem.limits.kinds.items() if key in self.knows)
-        reason = next(filter(None, (own.infeasible(problem) for own in known)), None)
+        reasons = (own.infeasible(problem) for own in known)
+        reason = impossible(problem) or next(filter(None, reasons), None)
         return None if reason is None else Solution(Status.INFEASIBLE, message=reason)
 
     def unknown(self, problem: Problem) -> list[str]:

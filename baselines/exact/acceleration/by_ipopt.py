@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.exact.acceleration.profiles import extremes
+from baselines.exact.method.chain import with_outer
 from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
@@ -48,14 +49,13 @@ def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
     longest = np.full_like(scaled.stop, LONGEST * scaled.stop.sum())
     low = flat(scaled.shortest, velocities * 0 - v1, peak - v1, peak - v2)
     high = flat(longest, velocities * 0 + v2, peak + v2, peak + v1)
-    both_ends = ((1, 1), (0, 0))
-    ends = np.pad(velocities, both_ends)
+    ends = with_outer(velocities, scaled.end_v)
     reach = extremes(ends[:-1], ends[1:], times[:, None], scaled.v, scaled.a)
     start = flat(times, velocities, reach.p_up, -reach.p_lo)
     solver = _solver(*scaled.h.shape)
     run = solver(
         start=np.clip(start, low, high),
-        parameters=flat(scaled.h, a1, a2),
+        parameters=flat(scaled.h, a1, a2, scaled.end_v),
         bounds=(low, high),
         constraint_bounds=(0.0, np.inf),
     )
@@ -65,7 +65,10 @@ def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
 
 @cache
 def _solver(segments: int, joints: int) -> Program:
-    """IPOPT for all problems of this size, built once; displacements and limits are parameters."""
+    """IPOPT for all problems of this size, built once.
+
+    Displacements, limits and the velocities at the ends are parameters.
+    """
     ca = backend("casadi")
     times = ca.MX.sym("T", segments)
     inner = ca.MX.sym("v", segments - 1, joints)
@@ -75,9 +78,9 @@ def _solver(segments: int, joints: int) -> Program:
     limits = [ca.MX.sym(name, 1, joints) for name in ("a1", "a2")]
     a1, a2 = (ca.repmat(limit, segments, 1) for limit in limits)
     t = ca.repmat(times, 1, joints)
-    rest = ca.MX.zeros(1, joints)
-    u = ca.vertcat(rest, inner)
-    w = ca.vertcat(inner, rest)
+    outer = ca.MX.sym("v_ends", 2, joints)
+    u = ca.vertcat(outer[0, :], inner)
+    w = ca.vertcat(inner, outer[1, :])
 
     def rows(p: Any, u: Any, w: Any, h: Any, a1: Any, a2: Any) -> list[Any]:
         # equations 3.2: D(p) reaches h, and both ramps fit into the time
@@ -89,7 +92,7 @@ def _solver(segments: int, joints: int) -> Program:
     return program(
         "exact",
         variables=[times, inner, upper, lower],
-        parameters=[h, *limits],
+        parameters=[h, *limits, outer],
         objective=ca.sum1(times),
         # 3.3 is its mirror image, where the peak counts downwards
         constraints=[*rows(upper, u, w, h, a1, a2), *rows(lower, -u, -w, -h, a2, a1)],

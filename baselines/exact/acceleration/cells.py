@@ -132,7 +132,7 @@ class AccelerationTables:
         t = times[..., None]
         mean = self.h / t
         upper_mean, _ = mean
-        excess = at_ends(velocity) - upper_mean
+        excess = at_ends(velocity, self.scaled.end_v) - upper_mean
         inner = np.empty_like(self.lowest)
         ends, peaks = inner
         lowest_ends, _ = self.lowest

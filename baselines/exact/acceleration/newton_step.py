@@ -112,7 +112,7 @@ class AccelerationInequalities:
     def missing(self) -> Array:
         """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
         mean, _ = self.cells.h / self.t
-        excess = at_ends(self.point.velocity) - mean
+        excess = at_ends(self.point.velocity, self.cells.scaled.end_v) - mean
         return excess / self.t - self.point.ends
 
     @property

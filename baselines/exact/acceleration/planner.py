@@ -16,20 +16,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal
 
 import numpy as np
 
+from baselines.exact.acceleration import gaps
 from baselines.exact.acceleration.cells import AccelerationTables
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method import brief_steps
-from baselines.exact.method.chain import with_rest
+from baselines.exact.method.chain import with_outer
 from baselines.exact.method.crossover import minimised
 from baselines.exact.method.planner import LocalOptimum, SeveralStarts
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from trajopt.core.arrays import Array
+from trajopt.core.demand import END_VELOCITIES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
@@ -59,6 +62,8 @@ class Exact(SeveralStarts):
 
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
+    knows = ("velocity", "acceleration", *END_VELOCITIES)
+
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best local optimum of `starts`, or of more where all of those failed.
@@ -78,7 +83,10 @@ class Exact(SeveralStarts):
             return minimised(scaled, starts)
 
         starts = starting_points(scaled, MAX_STARTS_FACTOR * self.starts)
-        return self.best_of(scaled, solve_from, starts)
+        if problem.route.at_rest:
+            return self.best_of(scaled, solve_from, starts)
+        beside = gaps.starts(scaled)
+        return self.best_of(scaled, solve_from, chain(beside, starts), apart=len(beside))
 
 
 class Passing(Scaled):
@@ -90,7 +98,7 @@ class Passing(Scaled):
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: each joint's motion of least acceleration through each segment."""
         *_, q_unit = self.units
-        ends = with_rest(velocities)
+        ends = with_outer(velocities, self.end_v)
         starts = self.problem.waypoints[:-1, self.moving]
         walls = self.problem.limits.position[self.moving].T
         task = SegmentTask(
@@ -118,10 +126,11 @@ class Passing(Scaled):
 def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> bool:
     """Return whether times and waypoint velocities are reachable after a dilation by `k`.
 
-    Velocity limits are `k` times as wide, acceleration limits `k²` times. In the briefest segments
-    velocities differ by less than their rounding. No dilation mends that, so it is allowed.
+    Velocity limits are `k` times as wide, acceleration limits `k²` times; the velocities at the
+    motion's ends are `k` times as large. In the briefest segments velocities differ by less than
+    their rounding. No dilation mends that, so it is allowed.
     """
-    ends = with_rest(velocities)
+    ends = with_outer(velocities, k * scaled.end_v)
     u = ends[:-1]
     w = ends[1:]
     t = times[:, None]
@@ -136,8 +145,8 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
     reach = extremes(u, w, t, v, a)
     conditions = [
         # −V1 ≤ v ≤ V2 at the waypoints
-        slowest <= ends,
-        ends <= fastest,
+        slowest <= velocities,
+        velocities <= fastest,
         # −A1 T ≤ w − u ≤ A2 T
         braking * t - rounding <= step,
         step <= speeding * t + rounding,

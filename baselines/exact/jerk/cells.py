@@ -99,7 +99,7 @@ class JerkTables:
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
         """The point of these segment times, `(starts, segments)`, and states, its links met."""
         t = times[..., None]
-        ends = (at_ends(velocity) - self.h / t) / t
+        ends = (at_ends(velocity, self.scaled.end_v) - self.h / t) / t
         return JerkUnknowns(np.log(times), ends, velocity, acceleration)
 
 
@@ -133,14 +133,14 @@ class JerkInequalities:
             cells.signs * steep,
             cells.beyond,
         )
-        waypoints = at_ends(point.acceleration)
+        waypoints = at_ends(point.acceleration, cells.scaled.end_a)
         profiles = ExtremeProfiles(
             point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * FLIPS, limits
         )
         reach = profiles.value
         # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
         _, acceleration = waypoints
-        _, velocity = at_ends(point.velocity)
+        _, velocity = at_ends(point.velocity, cells.scaled.end_v)
         signs = cells.signs[:2]
         slower = cells.widest - signs * acceleration
         faster = signs * velocity + cells.falling * acceleration**2 / 2
@@ -187,7 +187,7 @@ class JerkInequalities:
         signs = self.cells.signs[:2]
         own = self.t * signs
         _, ends = self.point.ends
-        _, acceleration = at_ends(self.point.acceleration)
+        _, acceleration = at_ends(self.point.acceleration, self.cells.scaled.end_a)
         first = np.zeros((5, REACH + 4, *self.mean.shape))
         first[:, :REACH] = reach * seen
         first[ACCELERATIONS[1], REACH:-2] = -signs
@@ -200,7 +200,7 @@ class JerkInequalities:
     @cached_property
     def missing(self) -> Array:
         """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
-        velocity = at_ends(self.point.velocity)
+        velocity = at_ends(self.point.velocity, self.cells.scaled.end_v)
         missing = velocity - self.mean - self.t * self.point.ends
         size = np.abs(velocity) + np.abs(self.mean)
         is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size

@@ -22,7 +22,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from baselines.exact.jerk.cells import FLIPS, JerkInequalities, JerkTables, JerkUnknowns
-from baselines.exact.method.chain import at_ends, with_rest
+from baselines.exact.method.chain import at_ends, with_outer
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from baselines.exact.method.segments import MOST, Segments
@@ -116,7 +116,7 @@ def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array
     They are the waypoints'. In a segment so brief that the last place of a velocity is worth some
     jerk they are its own: what they differ by, the long segments beside it make up for.
     """
-    velocity = with_rest(scaled.velocities(times, ends))
+    velocity = with_outer(scaled.velocities(times, ends), scaled.end_v)
     t = times[:, None]
     own = scaled.h / t + t * ends
     speeds = np.abs(own).max(axis=0)

@@ -38,8 +38,13 @@ MAX_CONVEXITY = 1e14
 ROUNDING_RTOL = 1e-18
 
 
-def at_ends(velocity: Array) -> Array:
-    """Waypoint velocities at the start and the end of each segment, the motion's ends at rest."""
+def at_ends(velocity: Array, outer: Array | None = None) -> Array:
+    """Waypoint velocities at both ends of each segment, `(2, starts, segments, joints)`.
+
+    Args:
+        velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
+        outer: at the motion's ends, `(2, joints)`; by default zero, as of a step.
+    """
     starts, inner, joints = velocity.shape
     segments = inner + 1
     shape = (2, starts, segments, joints)
@@ -47,14 +52,17 @@ def at_ends(velocity: Array) -> Array:
     first, last = ends
     first[:, 1:] = velocity
     last[:, :-1] = velocity
+    if outer is not None:
+        first[:, 0], last[:, -1] = outer
     return ends
 
 
-def with_rest(inner: Array) -> Array:
-    """Values at the inner waypoints, zeros at the motion's ends, `(segments + 1, joints)`."""
+def with_outer(inner: Array, outer: Array) -> Array:
+    """Values at the inner waypoints, between those at the ends, `(segments + 1, joints)`."""
     waypoints, joints = inner.shape
     ends = np.zeros((waypoints + 2, joints))  # in place of `np.pad`, 50 us slower
     ends[1:-1] = inner
+    ends[[0, -1]] = outer
     return ends
 
 

@@ -87,6 +87,7 @@ class SeveralStarts(Planner):
         scaled: Reaching,
         solve: Callable[[Sequence[Start]], list[LocalOptimum]],
         starts: Iterator[Start],
+        apart: int = 0,
     ) -> Solution:
         """The shortest of the local optima, with what it says of the whole problem.
 
@@ -96,8 +97,10 @@ class SeveralStarts(Planner):
             scaled: the problem.
             solve: leads from starts to an optimum each.
             starts: where to start from, in order.
+            apart: so many of the first starts are all tried: no descent leads from one to another.
         """
-        local = optima_together(solve, starts, self.starts, self.agreeing)
+        agreeing = self.agreeing + max(apart - 1, 0)
+        local = optima_together(solve, starts, max(self.starts, apart), agreeing)
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}

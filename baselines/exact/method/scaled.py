@@ -12,6 +12,8 @@ from trajopt.planners.rest_to_rest import stop_times
 
 # A briefer piece is left out wherever limits allow that, s.
 BRIEF_PIECE_S = 1e-6
+# Times that a joint which begins or ends in motion may take more, in times of stopping.
+_RETURNS = 3.0
 
 
 class Scaled:
@@ -28,6 +30,7 @@ class Scaled:
         r: inverse jerk limits, `(2, joints)`, low first, not negative.
         stop: each segment's time if all joints stop at both its ends, `(segments,)`.
         shortest: each segment's time at the velocity limit, `(segments,)`.
+        end_v, end_a: velocities and accelerations at the motion's ends, `(2 ends, joints)`.
         unit: the unit of time, s.
         units: the units of jerk, acceleration, velocity and position, rad/s^power, `(4, joints)`.
     """
@@ -41,6 +44,13 @@ class Scaled:
         jerks = np.abs(limits.jerk[moving].T)
 
         stop = stop_times(known)
+        route = problem.route
+        end_v, end_a = np.stack([route.start, route.end], axis=1)[..., moving]
+        if not route.at_rest:
+            # to stop, to come back, and to start so again
+            slowest = np.abs(acceleration).min(axis=0).reshape(-1, len(end_v[0])).min(axis=0)
+            stop[0] += (_RETURNS * np.abs(end_v[0]) / slowest).max()
+            stop[-1] += (_RETURNS * np.abs(end_v[1]) / slowest).max()
         unit = float(stop.mean())
         # the acceleration that is reached: at its limit, or as far as jerk allows
         reached = np.minimum(np.abs(acceleration), jerks * unit).min(axis=0)
@@ -55,6 +65,8 @@ class Scaled:
         self.r = j_unit / jerks
         self.a = acceleration / a_unit
         self.v = velocity / v_unit
+        self.end_v = end_v / v_unit
+        self.end_a = end_a / a_unit
         self.h = problem.displacements[:, moving] / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))

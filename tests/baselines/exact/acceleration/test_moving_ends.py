@@ -1,0 +1,105 @@
+"""`exact` between states in motion: closed forms, Ruckig, another transcription, and relations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration import Exact
+from baselines.exact.acceleration.gaps import starts
+from baselines.exact.acceleration.planner import Passing
+from experiments.soaks.moving_ends import drawn, optimum
+from trajopt import Limits, Problem, Status, verify
+
+PASSED = [[0.0, 0.0], [-2.689449, 1.636343], [-2.051154, 1.344296], [-2.363103, 1.648131]]
+
+
+def solved(problem):
+    solution = Exact().solve(problem)
+    assert solution.status is Status.SOLVED
+    certificate = verify(problem, solution.trajectory)
+    assert certificate.feasible
+    assert certificate.certified_duration == pytest.approx(solution.trajectory.duration, rel=1e-9)
+    return solution.trajectory
+
+
+def one_joint(h, v0, limits=(100.0, 1.0)):
+    V, A = limits
+    return Problem([[0.0], [h]], Limits([V], [A]), start_velocity=[v0])
+
+
+@pytest.mark.parametrize(
+    ("problem", "duration"),
+    [
+        # p = √(A h + v0²/2), T = (2 p − v0)/A
+        (one_joint(1.0, 0.5), 2 * np.sqrt(1.125) - 0.5),
+        (one_joint(1.0, -0.5), 2 * np.sqrt(1.125) + 0.5),
+        # it overshoots to 0.5 and returns: T = v0/A + 2 √(0.3/A)
+        (one_joint(0.2, 1.0, (2.0, 1.0)), 1 + 2 * np.sqrt(0.3)),
+        # IPOPT, every joint with its own pieces of constant acceleration
+        (
+            Problem(
+                PASSED,
+                Limits([2.131962, 1.245757], [7.768735, 7.438951]),
+                start_velocity=[0.40554, 0.44078],
+                end_velocity=[0.04523, 0.568381],
+            ),
+            2.573584644814449,
+        ),
+        # it begins at its velocity limit
+        (one_joint(3.0, 1.0, (1.0, 2.0)), 3.0 + 0.25),
+    ],
+)
+def test_known_optima(problem, duration):
+    assert solved(problem).duration == pytest.approx(duration, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", [*range(0, 20, 2), 234])
+def test_two_waypoints_are_ruckigs(seed):
+    """In 234 all joints pass together before 1.03 s, or after 4.37 s."""
+    problem = drawn(seed, jerk=False)
+    assert solved(problem).duration == pytest.approx(optimum(problem).duration, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
+    problem = drawn(seed, waypoints=4, joints=2, jerk=False)
+    motion = solved(problem)
+    cut = motion.waypoint_times[1]
+    state = motion(cut, 1)
+    first, second = (
+        Problem(problem.waypoints[rows], problem.limits, demands=demands)
+        for rows, demands in (
+            (slice(0, 2), {"start_velocity": problem.start_velocity, "end_velocity": state}),
+            (slice(1, None), {"start_velocity": state, "end_velocity": problem.end_velocity}),
+        )
+    )
+    assert solved(first).duration == pytest.approx(cut, rel=1e-7)
+    assert solved(second).duration == pytest.approx(motion.duration - cut, rel=1e-7)
+    route = problem.route.reversed()
+    backwards = Problem(route.waypoints, problem.limits, demands=route.demands)
+    assert solved(backwards).duration == pytest.approx(motion.duration, rel=1e-9)
+
+
+def test_starts_stand_on_both_sides_of_every_gap():
+    """Two joints that cannot stop, of 0.2 and 0.21 rad: before and after both gaps."""
+    problem = Problem(
+        [[0.0, 0.0], [0.2, 0.21], [1.0, 1.0]],
+        Limits([2.0, 2.0], [1.0, 1.0]),
+        start_velocity=[1.0, 1.0],
+    )
+    scaled = Passing(problem)
+    times = sorted(own[0] * scaled.unit for own, _ in starts(scaled))
+    gaps = [1 + np.array([-1, 1]) * np.sqrt(1 - 2 * h) for h in (0.2, 0.21)]
+    assert len(times) == 2  # the gaps overlap: 0.225–1.775 s and 0.238–1.762 s
+    assert times[0] < gaps[0][0]
+    assert times[1] > gaps[0][1]
+    assert solved(problem).waypoint_times[1] < gaps[0][0]
+
+
+def test_a_start_that_cannot_be_kept_is_infeasible():
+    solution = Exact().solve(one_joint(1.0, -1.01, (1.0, 1.0)))
+    assert solution.status is Status.INFEASIBLE
+    assert solution.message == (
+        "the start velocity of joint 1, -1.01 rad/s, is beyond its limit, -1 rad/s"
+    )

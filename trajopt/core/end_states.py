@@ -1,0 +1,140 @@
+"""States in which no motion can begin or end: proved from the limits of one joint, in closed form.
+
+At the start a velocity `v` and an acceleration `a` must be within their limits `V` and `A`. Under a
+jerk limit `J` an acceleration does not end at once, so `v + a²/(2 J)` must be within `V` too, with
+`J` of the side that ends it. And a joint that moves towards a position limit must be able to stop
+before it. At the end all this holds of the motion backwards in time.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trajopt.core.problem import Problem
+
+# Rounding of a number that is at its limit, relative.
+LIMIT_RTOL = 1e-12
+
+
+class _Joint(NamedTuple):
+    """One joint at the start, as if all its velocities were upwards, in rad (or m) and s.
+
+    Attributes:
+        velocity, acceleration: The state.
+        fastest, steepest, braking, easing: Limits: of velocity and acceleration upwards, of
+            acceleration and jerk downwards. `fastest` and `steepest` count at the start, the
+            others in all segments.
+        widest: The velocity limit in any segment.
+        room: Distance to the position limit upwards.
+    """
+
+    velocity: float
+    acceleration: float
+    fastest: float
+    steepest: float
+    braking: float
+    easing: float
+    widest: float
+    room: float
+
+    @property
+    def peak(self) -> float:
+        """The least velocity to which its acceleration leads, where it ends as soon as it can."""
+        return self.velocity + max(self.acceleration, 0.0) ** 2 / (2 * self.easing)
+
+    @property
+    def way(self) -> float:
+        """The way that it takes at least to stop; 0 where it does not move upwards."""
+        v, a, J = self.velocity, max(self.acceleration, -self.braking), self.easing
+        if np.isinf(J):
+            return max(v, 0.0) ** 2 / (2 * self.braking)
+        if a**2 + 2 * J * v < 0:
+            return 0.0  # its velocity stays below 0
+        stops = (a + np.sqrt(a**2 + 2 * J * v)) / J
+        ramp = (a + self.braking) / J
+        t = min(stops, ramp)
+        way = v * t + a * t**2 / 2 - J * t**3 / 6
+        left = v + a * t - J * t**2 / 2
+        return max(0.0, way + max(left, 0.0) ** 2 / (2 * self.braking))
+
+
+def impossible(problem: Problem) -> str | None:
+    """Return why no motion begins or ends in the states that are asked; None if that is not known.
+
+    A reason is a proof: it names the end, the joint, and what it would take.
+    """
+    if problem.route.at_rest:
+        return None
+    for is_end in (False, True):
+        for number in range(problem.joints):
+            for upwards in (True, False):
+                reason = _reason(problem, number, is_end=is_end, upwards=upwards)
+                if reason:
+                    return reason
+    return None
+
+
+def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> str | None:
+    state = problem.route.end if is_end else problem.route.start
+    velocity, acceleration = (float(rate[number]) for rate in state)
+    # backwards in time the velocity changes its sign, and so does what is upwards
+    sign = 1.0 if upwards else -1.0
+    time = -1.0 if is_end else 1.0
+    own = _joint(problem, number, sign, time, is_end=is_end)
+    word = "end" if is_end else "start"
+    said = f"the {word} velocity of {problem.joint_labels[number]}, {velocity:.6g}"
+    unit, per_s, per_s2 = (problem.unit(number, order) for order in range(3))
+    verb = "ends" if is_end else "starts"
+    if own.velocity > own.fastest * (1 + LIMIT_RTOL):
+        return f"{said} {per_s}, is beyond its limit, {sign * time * own.fastest:.6g} {per_s}"
+    if own.acceleration > own.steepest * (1 + LIMIT_RTOL):
+        return (
+            f"the {word} acceleration of {problem.joint_labels[number]}, {acceleration:.6g} "
+            f"{per_s2}, is beyond its limit, {sign * own.steepest:.6g} {per_s2}"
+        )
+    if own.peak > own.widest * (1 + LIMIT_RTOL):
+        return (
+            f"{problem.joint_labels[number]} {verb} at {velocity:.6g} {per_s} and "
+            f"{acceleration:.6g} {per_s2}, which leads beyond its velocity limit: under its jerk "
+            f"limit to {sign * time * own.peak:.6g} {per_s} at least"
+        )
+    rounding = float(problem.rounding[number])
+    if own.way > own.room * (1 + LIMIT_RTOL) + rounding:
+        side = "to stop" if not is_end else "to gain that speed"
+        return (
+            f"{said} {per_s}, takes {own.way:.6g} {unit} {side}, and its position limit is "
+            f"{own.room:.6g} {unit} away"
+        )
+    return None
+
+
+def _joint(problem: Problem, number: int, sign: float, time: float, *, is_end: bool) -> _Joint:
+    """A joint at an end, turned so that time runs from there and the side of `sign` is upwards."""
+    state = problem.route.end if is_end else problem.route.start
+    place = -1 if is_end else 0
+    whole = problem.limits
+    there = (
+        whole if whole.segments is None else whole.of_segments(np.arange(whole.segments)[[place]])
+    )
+    there = there.in_all_segments()
+    anywhere = whole.in_all_segments(tightest=False)
+
+    def side(pairs: np.ndarray, towards: float) -> float:
+        low, high = pairs[number]
+        return float(high if towards > 0 else -low)
+
+    position = float(problem.waypoints[place, number])
+    low, high = whole.position[number]
+    # jerk changes its sign with time, as velocity does
+    return _Joint(
+        velocity=sign * time * float(state.velocity[number]),
+        acceleration=sign * float(state.acceleration[number]),
+        fastest=side(there.velocity, sign * time),
+        steepest=side(there.acceleration, sign),
+        braking=side(anywhere.acceleration, -sign),
+        easing=side(anywhere.jerk, -sign * time),
+        widest=side(anywhere.velocity, sign * time),
+        room=float(high - position if sign > 0 else position - low),
+    )
