@@ -33,7 +33,8 @@ COMMAND = re.compile(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", re.M)
 NUMBER = re.compile(r"[+-]?\d[\d.]*(?:e[+-]\d+)?")
 RESULT = re.compile(r"\b\d+\.\d{4,}\b(?!e)")  # a duration or a gap; times of computing are shorter
 MONTH = re.compile(r"\b(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)\b")
-PEAK = re.compile(r"^((?:falling )?velocity|acceleration|jerk|position|waypoint|continuity) +[-+\d].*$", re.M)
+LIMITS = "velocity|falling velocity|acceleration|jerk|position|waypoint|continuity"
+PEAK = re.compile(rf"^({LIMITS}) +[-+\d].*$", re.M)
 ROBOTS = (DOCS / "robots.md").read_text(encoding="utf-8")
 
 
