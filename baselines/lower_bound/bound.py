@@ -108,7 +108,9 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
     deadline = began + time_limit
     best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
     # without a trajectory, the time of stopping at every waypoint is the target
-    known = float(stop_times(problem).sum())
+    waits = problem.route.demand("dwell").sum()
+    least = problem.route.demand("least_times")
+    known = float(np.maximum(stop_times(problem), least).sum() + waits)
     relaxation = thinned(problem)
     motion = None
     if best is not None:

@@ -113,6 +113,9 @@ def branch_and_bound(
         MissingBackend: HiGHS is not installed.
         TrajoptError: HiGHS breaks down.
     """
+    asked = target
+    # no variable counts the waits
+    target -= problem.route.demand("dwell").sum()
     # half of the gap is left for rows that are violated by less than the tolerance
     cutoff = target * (1 + _CUTOFF_ABOVE_TARGET * gap)
     relaxation = Relaxation.of(problem, cutoff)
@@ -129,7 +132,7 @@ def branch_and_bound(
         if motion is None:
             raise
         # HiGHS has broken down on the motion's rows
-        return branch_and_bound(problem, target, gap, deadline)
+        return branch_and_bound(problem, asked, gap, deadline)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
     return ProvedBound(lower_bound, proof, search.splits, search.pool.programs)

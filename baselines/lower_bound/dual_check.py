@@ -21,6 +21,7 @@ from baselines.lower_bound import costates, jerk_rows
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
 from baselines.lower_bound.relaxation import (
+    ROUNDING_RTOL,
     ROW_ENTRIES,
     BoundConstraints,
     Relaxation,
@@ -186,7 +187,9 @@ def proved_bound(problem: Problem, proof: BoundProof) -> float:
         right = "numbers that neither overflow nor underflow"
         raise InvalidInput("proof", right, value=str(error)) from error
     # a unit is a power of two: nothing is rounded here
-    return min(lowest, relaxation.cutoff) * relaxation.time_unit
+    bound = min(lowest, relaxation.cutoff) * relaxation.time_unit
+    waits = float(relaxation.waits.sum())
+    return (bound + waits) * (1 - ROUNDING_RTOL) if waits else bound
 
 
 def _check_numbers(proof: BoundProof) -> None:

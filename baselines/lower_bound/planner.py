@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from trajopt.core.demand import names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
@@ -41,7 +42,7 @@ class Prove(Planner):
 
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
-    knows = (*LIMIT_NAMES, FallingVelocity.key)
+    knows = (*LIMIT_NAMES, FallingVelocity.key, "least_times", "dwell")
     drops = True
 
     def __post_init__(self) -> None:
@@ -56,7 +57,11 @@ class Prove(Planner):
         return Relation.RELAXATION if relaxed else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
-        return None if self.family == "free" else spline353.unsupported(problem)
+        if self.family == "free":
+            return None
+        if problem.demands:
+            return f"its bound of splines does not know {names(problem.demands)}"
+        return spline353.unsupported(problem)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the lower bound, and the fastest trajectory known if it keeps every limit.

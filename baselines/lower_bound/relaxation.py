@@ -75,6 +75,9 @@ class Relaxation:
         h: Displacements, `(segments, joints)`; only joints that move count.
         v, a, j: Sizes of the limits, downwards and upwards, `(2, joints)`. Velocities are those
             that accelerating and braking within the cut-off can reach.
+        least: Least times of the segments, `(segments,)`.
+        waits: Times at rest at the waypoints, s, `(waypoints,)`. No variable counts them: a motion
+            is as much longer.
         jerky: Which joints have a jerk limit, on one side at least.
         below, above: Position limits minus each segment's start, `(segments, joints)`. Where
             velocity limits fall, no further than where no motion towards the end is allowed.
@@ -120,6 +123,8 @@ class Relaxation:
         self.falling = _falling(problem, time_unit, lengths)
         self.above = np.fmin(self.above, self.falling.room[1])
         self.below = np.fmax(self.below, -self.falling.room[0])
+        self.least = problem.route.demand("least_times") / time_unit
+        self.waits = problem.route.demand("dwell")
         self._count_variables()
 
     @classmethod
@@ -167,7 +172,9 @@ class Relaxation:
         unit = self.time_unit
         velocities = motion(inner, 1)[:, problem.moving] / self.length_units
         accelerations = motion(inner, 2)[:, problem.moving] / self.length_units
-        x[self.time] = np.diff(motion.waypoint_times) / unit
+        moving = np.diff(motion.waypoint_times) - self.waits[:-1]
+        moving[-1] -= self.waits[-1]
+        x[self.time] = moving / unit
         x[self.velocity] = velocities * unit
         x[self.acceleration] = accelerations * unit**2
         return x
@@ -210,13 +217,16 @@ class Relaxation:
         forwards = self.h / self.v[1]
         backwards = -self.h / self.v[0]
         shortest = np.maximum(forwards, backwards).max(axis=1)
-        low[self.time] = shortest * (1 - ROUNDING_RTOL)
+        low[self.time] = np.maximum(shortest * (1 - ROUNDING_RTOL), self.least)
         high[self.time] = self.cutoff
         allowed = np.fmin(self.v[:, None], self.falling.allowed[:, self.segment_before + 1])
         low[self.velocity] = -allowed[0]
         high[self.velocity] = allowed[1]
         low[self.acceleration] = np.where(self.jerky, -self.a[0], 0.0)
         high[self.acceleration] = np.where(self.jerky, self.a[1], 0.0)
+        for state in np.flatnonzero(self.waits[1:-1]):
+            at_rest = [self.velocity[state], self.acceleration[state]]
+            low[at_rest] = high[at_rest] = 0.0
         return self.completed(VariableBounds(low, high))
 
     def completed(self, box: VariableBounds) -> VariableBounds:

@@ -238,6 +238,9 @@ def print_worst(certificate: Certificate, problem: Problem) -> None:
     for key, use in certificate.uses.items():
         joint = "" if use.joint is None else _short_label(problem, use.joint)
         table.row(KINDS[key].name(), KINDS[key].amount(use, problem), joint, f"{use.time:.6f}")
+    if certificate.least_times is not None:
+        share, _, begins = certificate.least_times
+        table.row("least times", f"{share:.6f} of time taken", "", f"{begins:.6f}")
     for name, worst in {
         "waypoint": certificate.waypoint,
         "continuity": certificate.continuity,

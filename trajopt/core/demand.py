@@ -44,6 +44,10 @@ class Demand:
         left_out: What a problem without it is: "restriction" where its motions keep the demand
             anyway, "relaxation" where they may not, but the optimum is a lower bound. Empty: it
             must not be left out.
+        separates: Whether a number that asks something keeps both waypoints of its segment apart,
+            also where they are the same.
+        splits: Whether it splits the way into parts from rest to rest, which every planner solves
+            one by one (`trajopt.core.dwell`).
     """
 
     key: str
@@ -57,6 +61,8 @@ class Demand:
     moves: bool = False
     dilatable: bool = True
     left_out: Literal["", "restriction", "relaxation"] = ""
+    separates: bool = False
+    splits: bool = False
 
     def shape(self, waypoints: int, joints: int) -> tuple[int, ...]:
         """The shape of its numbers, on a way of so many waypoints and joints."""
@@ -112,6 +118,8 @@ class Demand:
 
     def unit_size(self, lengths: Array | float = 1.0, time: float = 1.0) -> Array:
         """Its unit in SI, where times count in `time` and lengths in `lengths`, one or one each."""
+        if not self.length:
+            return np.asarray(time**self.time)
         return np.asarray(lengths, dtype=float) ** self.length * time**self.time
 
     def of_joints(self, numbers: Array, joints: Indices) -> Array:
@@ -127,6 +135,14 @@ class Demand:
         if "segments" in self.axes:
             axis = self.axes.index("segments")
             return np.add.reduceat(numbers, np.flatnonzero(kept)[:-1], axis=axis)
+        return numbers
+
+    def part(self, numbers: Array, first: int, last: int) -> Array:
+        """The numbers of the way from one waypoint to another, by their numbers."""
+        for axis, own in enumerate(self.axes):
+            if own != "joints":
+                stop = last + (own == "waypoints")
+                return np.take(numbers, np.arange(first, stop), axis=axis)
         return numbers
 
     def backwards(self, numbers: Array) -> Array:
@@ -161,6 +177,29 @@ class _Acceleration(Demand):
         for joint in np.flatnonzero((numbers != 0) & ~limits.jerk_limited).tolist():
             right = "0, or a jerk limit: without one the acceleration may jump at the ends"
             raise InvalidInput(self.key, right, value=numbers[joint], joint=joint)
+
+
+class _Times(Demand):
+    """Times that are not negative."""
+
+    _right = "a time of at least 0, s"
+
+    def _is_right(self, item: Any) -> bool:
+        return is_number(item) and item >= 0
+
+
+class _Dwell(_Times):
+    """Waits at waypoints. They split the way: no state is given where the motion waits."""
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        for own, key in ((numbers[0], "start"), (numbers[-1], "end")):
+            if own and f"{key}_velocity" in demands:
+                right = f"0 at the {'first' if key == 'start' else 'last'} waypoint, where"
+                raise InvalidInput(self.key, f"{right} {key}_velocity is given", value=float(own))
+
+    def at(self, numbers: Array, kept: Bools) -> Array:
+        """Waits at waypoints that become one are added."""
+        return np.add.reduceat(numbers, np.flatnonzero(kept))
 
 
 def _at_end(key: str, other: str, example: str, time: int, meaning: str) -> Demand:
@@ -207,6 +246,24 @@ DEMANDS: Mapping[str, Demand] = {
             "[0, 0, 0, 0, 0, 1]",
             -2,
             "with jerk limits: acceleration at the last waypoint",
+        ),
+        _Times(
+            "least_times",
+            "least time of each segment",
+            ("segments",),
+            time=1,
+            example="least_times = [0, 1.5, 0]",
+            left_out="relaxation",
+            separates=True,
+        ),
+        _Dwell(
+            "dwell",
+            "time at rest at each waypoint",
+            ("waypoints",),
+            time=1,
+            example="dwell = [0, 0.4, 0, 0]",
+            left_out="relaxation",
+            splits=True,
         ),
     )
 }

@@ -40,8 +40,12 @@ _ELSEWHERE = {
         "kinematics as waypoints"
     ),
     r"\w*dwell\w*|(wait|pause|hold|stop)(_times?)?": (
-        "waiting at a waypoint is not in this tool; the nearest is a problem for each part, which "
-        "begins and ends at rest"
+        "a wait has a name of its own in this tool; the nearest is dwell, beside the waypoints of "
+        "a problem file, a time at rest per waypoint"
+    ),
+    r"(per_)?(section_|segment_)?(minimum|min|least)_(section_|segment_)?(durations?|times?)": (
+        "least times have a name of their own in this tool; the nearest is least_times, beside the "
+        "waypoints of a problem file, a time per segment"
     ),
     r"\w*(start|initial|current)_acceleration\w*|a0|sdd_start": _AT_ENDS.format(
         "start_acceleration"
@@ -59,7 +63,7 @@ _ELSEWHERE = {
     ),
     (
         r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"
-        r"((minimum|min|desired|target|total)_)?durations?|(minimum|min|desired|total)_times?"
+        r"((desired|target|total)_)?durations?|(desired|total)_times?"
     ): _SPEED,
     r"(way_?point_)?times|time_?(points|stamps)|knots": (
         "times of waypoints are not given in this tool, the planner finds them; the nearest is "

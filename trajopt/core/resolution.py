@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from trajopt.core.arrays import Array, Bools
+from trajopt.core.demand import DEMANDS
 from trajopt.core.problem import Problem
 
 # Where a joint covers `D` in its largest step in `T`, a step of `h` takes about `h T / D`. To
@@ -33,7 +34,8 @@ def spared(problem: Problem) -> Bools:
     """Return the waypoints that may be missed by their rounding, `(waypoints,)`.
 
     They lie between two brief steps, and are passed in line. The answer is one of the waypoints
-    alone; no limit counts, but where limits change at a waypoint, it is exact.
+    alone; no limit counts, but where limits change at a waypoint, it is exact. So is every one
+    where more is asked at waypoints or in segments.
 
     Args:
         problem: without consecutive identical waypoints (`Problem.merged`).
@@ -44,6 +46,8 @@ def spared(problem: Problem) -> Bools:
     briefest = np.cbrt(BLEND_JERK / BRIEF_USE * rounding * largest**2)
     brief = np.all(np.abs(steps) <= briefest, axis=1)
     found = np.zeros(len(problem.waypoints), dtype=bool)
+    if any({"waypoints", "segments"} & set(DEMANDS[key].axes) for key in problem.demands):
+        return found
     inner = brief[:-1] & brief[1:]
     if inner.any():
         unit = np.maximum(largest, LEAST_SHARE * largest.max())

@@ -133,8 +133,14 @@ class Route:
         return COORDINATE_RTOL * largest
 
     def merged(self) -> tuple[Route, Indices]:
-        """This route with consecutive identical waypoints merged, and where each one went."""
+        """This route with consecutive identical waypoints merged, and where each one went.
+
+        Those that a demand keeps apart, a least time between them say, stay.
+        """
         differs = self._differing
+        for key, numbers in self.demands.items():
+            if DEMANDS[key].separates:
+                differs = differs | np.append(False, numbers > 0)
         index = np.cumsum(differs) - 1
         return self if differs.all() else self.at(differs), index
 
@@ -142,6 +148,16 @@ class Route:
         """The route through some of its waypoints, `(waypoints,)`."""
         own = {key: DEMANDS[key].at(values, kept) for key, values in self.demands.items()}
         return Route(self.waypoints[kept], own)
+
+    def part(self, first: int, last: int) -> Route:
+        """The route from one waypoint to another, by their numbers, at rest where it is cut."""
+        own = {}
+        for key, values in self.demands.items():
+            cut_off = first if key.startswith("start_") else len(self.waypoints) - 1 - last
+            if not (DEMANDS[key].moves and cut_off):
+                own[key] = DEMANDS[key].part(values, first, last)
+        own.pop("dwell", None)
+        return Route(self.waypoints[first : last + 1], own)
 
     def only(self, joints: Indices) -> Route:
         """The route of some joints, by index."""

@@ -8,12 +8,12 @@ Every limit of the problem is asked for its worst use (`trajopt.core.limits`); n
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from trajopt.core import polynomials
+from trajopt.core import dwell, polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, shown
@@ -23,7 +23,7 @@ from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
-_JUDGED = END_STATES
+_JUDGED = (*END_STATES, "least_times", "dwell")
 KEPT_RTOL = 1e-12  # rounding of a limit that a motion which cannot be dilated may use
 NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
@@ -86,6 +86,8 @@ class Certificate:
         flaws: errors that neither repair nor dilation can remove, in words. With a flaw there is no
             certified duration.
         tolerance: the tolerance used.
+        least_times: the least time of a segment over the time it takes, the largest of all
+            segments, and when that begins; None where no least times are asked for.
     """
 
     duration: float
@@ -95,6 +97,7 @@ class Certificate:
     continuity: Worst
     flaws: tuple[str, ...]
     tolerance: Tolerance
+    least_times: Use | None = None
 
     @property
     def velocity(self) -> Use:
@@ -116,13 +119,21 @@ class Certificate:
         return self.uses.get("position")
 
     @property
+    def ratios(self) -> dict[str, Use]:
+        """Every use that is a ratio, 1 at the limit, by its key: those of limits, least times."""
+        found = {key: use for key, use in self.uses.items() if KINDS[key].is_ratio}
+        if self.least_times is not None:
+            found["least_times"] = self.least_times
+        return found
+
+    @property
     def valid(self) -> bool:
         return not self.flaws
 
     @property
     def feasible(self) -> bool:
         """Return whether the trajectory keeps every limit without dilation, within tolerance."""
-        ratios = [use.value for key, use in self.uses.items() if KINDS[key].is_ratio]
+        ratios = [use.value for use in self.ratios.values()]
         return self.valid and max(ratios, default=0.0) <= 1 + self.tolerance.limit
 
     @property
@@ -162,6 +173,8 @@ class Certificate:
         for key, worst in {"waypoint": self.waypoint, "continuity": self.continuity}.items():
             table[key] = {"error": worst.value, "joint": worst.joint + 1, "time": worst.time}
         table["continuity"]["order"] = self.continuity.order
+        if self.least_times is not None:
+            table["least_times"] = {"ratio": self.least_times.value, "time": self.least_times.time}
         return table
 
 
@@ -240,11 +253,15 @@ def _judged(
     unjudged: Collection[str] = (),
     *,
     at_rest: bool = True,
+    begins: float = 0.0,
 ) -> tuple[Certificate, Trajectory]:
     """The certificate, and the trajectory that has its peaks: repaired, if that is possible.
 
-    Where the route cannot be dilated it is the motion that has the certified duration.
+    Where the route cannot be dilated it is the motion that has the certified duration. Flaws name
+    times since `begins`, s, before the trajectory's start.
     """
+    if at_rest and "dwell" in problem.demands:
+        return _judged_in_parts(problem, trajectory, tolerance, unjudged)
     allowed = _allowed(problem, trajectory.duration, tolerance)
     waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
     jumps = []
@@ -254,12 +271,12 @@ def _judged(
     blurred, blur = _worst_blur(trajectory, allowed.blur)
     flaws = []
     if missed > 1:
-        flaws.append(_say(problem, waypoint, "misses the waypoint by"))
+        flaws.append(_say(problem, waypoint, "misses the waypoint by", begins))
     for worst, excess in jumps:
         if excess > 1:
-            flaws.append(_say(problem, worst, _JUMP_WORDS[worst.order]))
+            flaws.append(_say(problem, worst, _JUMP_WORDS[worst.order], begins))
     if blur > 1:
-        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by"))
+        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by", begins))
 
     repair = repaired(problem, trajectory) if at_rest and not flaws else None
     judged = repair or trajectory
@@ -273,11 +290,18 @@ def _judged(
         uses[key] = use
         needed = limit.dilation(use)
         dilation = float(np.maximum(dilation, needed))  # what is not a number stays so
-        flaw = limit.flaw(use, allowed.position_limit, problem)
+        later = use._replace(time=use.time + begins)
+        flaw = limit.flaw(later, allowed.position_limit, problem)
         if flaw:
             flaws.insert(0, flaw)
         elif not np.isfinite(needed * judged.duration):
             overflowing = True
+    least = _least_times(problem, trajectory) if at_rest else None
+    if least is not None:
+        dilation = max(dilation, least.value)
+        if np.isinf(least.value):
+            at = least.time + begins
+            flaws.append(f"a segment with a least time takes none, at {at:.6g} s")
     if repair is None and at_rest and not flaws:
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if overflowing:
@@ -301,6 +325,7 @@ def _judged(
         continuity=continuity,
         flaws=tuple(flaws),
         tolerance=tolerance,
+        least_times=least,
     )
     return certificate, judged
 
@@ -317,7 +342,8 @@ def _kept(problem: Problem, trajectory: Trajectory, unjudged: Collection[str]) -
         use = limit.worst(motion)
         if limit.flaw(use, allowed, problem) or not limit.dilation(use) <= 1 + KEPT_RTOL:
             return None
-    return motion
+    least = _least_times(problem, motion)
+    return motion if least is None or least.value <= 1 + KEPT_RTOL else None
 
 
 def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
@@ -330,6 +356,93 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
         f"{where(use, problem)}: {KINDS[key].name()} {KINDS[key].amount(use, problem)}, and no "
         f"slower motion keeps the {' and '.join(ends)} velocity"
     )
+
+
+def _least_times(problem: Problem, trajectory: Trajectory) -> Use | None:
+    """The largest least time of a segment over the time that it takes."""
+    if "least_times" not in problem.demands:
+        return None
+    least = problem.demands["least_times"]
+    shares = np.where(least > 0, least / np.diff(trajectory.waypoint_times), 0.0)
+    worst = int(shares.argmax())
+    return Use(float(shares[worst]), None, float(trajectory.waypoint_times[worst]))
+
+
+def _judged_in_parts(
+    problem: Problem, trajectory: Trajectory, tolerance: Tolerance, unjudged: Collection[str]
+) -> tuple[Certificate, Trajectory]:
+    """The certificate of a motion with waits: that of its parts, each from rest to rest.
+
+    Slowed down, it waits longer, which is allowed. Where it is to begin or end in motion, each part
+    is slowed down by itself.
+    """
+    allowed = _allowed(problem, trajectory.duration, tolerance)
+    parts = dwell.cut(problem, trajectory)
+    if parts is None:
+        whole = replace(problem, demands={})
+        certificate, _ = _judged(whole, trajectory, tolerance, unjudged)
+        flaw = "it waits so long at a waypoint that no time is left before the next"
+        return replace(certificate, flaws=(flaw, *certificate.flaws)), trajectory
+    flaws = []
+    for rest in dwell.rests(problem, trajectory):
+        away, excess = _worst_leave(problem, rest, allowed.waypoint)
+        if excess > 1:
+            said = f"leaves waypoint {rest.first + 1} during its wait by"
+            flaws.append(_say(problem, away, said))
+    is_still = not flaws
+    found = []
+    motions = []
+    for own, part in zip(dwell.parts(problem), parts, strict=True):
+        certificate, judged = _judged(own, part.motion, tolerance, unjudged, begins=part.begins)
+        found.append(_later(certificate, part.begins))
+        motions.append(judged)
+        if is_still:
+            flaws += certificate.flaws
+        if certificate.valid and not problem.route.dilatable and own.route.dilatable:
+            motions[-1] = judged.dilated(max(1.0, certificate.dilation))
+    motion = dwell.joined(problem, motions)
+    dilation = float(np.max([own.dilation for own in found]))
+    if not problem.route.dilatable and dilation > 1:
+        dilation = motion.duration / trajectory.duration
+    uses = {
+        key: max((own.uses[key] for own in found), key=lambda use: use.value)
+        for key in found[0].uses
+    }
+    least = [own.least_times for own in found if own.least_times is not None]
+    certificate = Certificate(
+        duration=trajectory.duration,
+        dilation=dilation,
+        uses=uses,
+        waypoint=max((own.waypoint for own in found), key=lambda worst: worst.value),
+        continuity=max((own.continuity for own in found), key=lambda worst: worst.value),
+        flaws=tuple(flaws),
+        tolerance=tolerance,
+        least_times=max(least, key=lambda use: use.value, default=None),
+    )
+    return certificate, motion
+
+
+def _later(certificate: Certificate, begins: float) -> Certificate:
+    """The certificate of a part, its times counted from the start of the whole motion."""
+    at = certificate.least_times
+    return replace(
+        certificate,
+        uses={key: use._replace(time=use.time + begins) for key, use in certificate.uses.items()},
+        waypoint=replace(certificate.waypoint, time=certificate.waypoint.time + begins),
+        continuity=replace(certificate.continuity, time=certificate.continuity.time + begins),
+        least_times=at and at._replace(time=at.time + begins),
+    )
+
+
+def _worst_leave(problem: Problem, rest: dwell.Part, allowed: Array) -> tuple[Worst, float]:
+    """How far a motion leaves a waypoint while it should rest there, and over what is allowed."""
+    away = np.array(rest.motion.pieces())
+    away[-1] -= problem.waypoints[rest.first]
+    flat = away.reshape(len(away), -1)
+    points = polynomials.critical_points(flat)
+    values = np.abs(polynomials.evaluate(flat[:, None], points)).max(axis=0)
+    errors = values.reshape(away.shape[1:])
+    return _worst_of(errors, allowed, rest.begins + rest.motion.breaks)
 
 
 @dataclass(frozen=True)
@@ -431,8 +544,8 @@ def _worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tu
 _JUMP_WORDS = ("position jumps by", "velocity jumps by", "acceleration jumps by")
 
 
-def _say(problem: Problem, worst: Worst, what: str) -> str:
+def _say(problem: Problem, worst: Worst, what: str, begins: float = 0.0) -> str:
     unit = problem.unit(worst.joint, worst.order)
     label = problem.joint_labels[worst.joint]
-    where = f"{label} at {worst.time:.6g} s"
+    where = f"{label} at {worst.time + begins:.6g} s"
     return f"{where}: {what} {worst.value:.3g} {unit}"

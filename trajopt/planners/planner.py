@@ -29,6 +29,9 @@ from functools import cached_property, wraps
 from types import FunctionType
 from typing import Any, cast, get_type_hints
 
+import numpy as np
+
+from trajopt.core import dwell
 from trajopt.core.demand import DEMANDS
 from trajopt.core.end_states import impossible
 from trajopt.core.exceptions import InvalidInput, MissingBackend
@@ -50,6 +53,8 @@ def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
 
     @wraps(unsupported)
     def checked(self: Planner, problem: Problem) -> str | None:
+        if self.splits(problem):
+            return next(filter(None, map(self.unsupported, dwell.parts(problem))), None)
         return Planner.unsupported(self, problem) or unsupported(self, problem)
 
     return checked
@@ -66,6 +71,12 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     def checked(self: Planner, problem: Problem, *seeds: Sequence[int], **keywords: int) -> Any:
         check_problem(problem)
         reason = self.unsupported(problem)
+        is_batch = solve.__name__ == "solve_batch"
+        if reason is None and self.splits(problem):
+            parts = [checked(self, part, *seeds, **keywords) for part in dwell.parts(problem)]
+            if not is_batch:
+                return _joined(problem, parts)
+            return [_joined(problem, list(own)) for own in zip(*parts, strict=True)]
         refusal = None if reason else self._infeasible(problem)
         if reason is None and refusal is None:
             shown, said = self._shown(problem)
@@ -73,15 +84,42 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
             if not said:
                 return answer
             relaxed = self.relation(problem) is Relation.RELAXATION
-            if solve.__name__ == "solve_batch":
+            if is_batch:
                 return [_saying(said, own, relaxed=relaxed) for own in answer]
             return _saying(said, answer, relaxed=relaxed)
         refusal = refusal or Solution(Status.UNSUPPORTED, message=reason or "")
-        if solve.__name__ == "solve_batch":
+        if is_batch:
             return [refusal for _ in seeds[0]]
         return refusal
 
     return checked
+
+
+def _joined(problem: Problem, parts: list[Solution]) -> Solution:
+    """Return the answer to a problem with waits from those to its parts, or the first without one.
+
+    Of the statistics the durations of starts are kept, s: the shortest of every part added up, then
+    the second ones.
+    """
+    waits = float(problem.route.demand("dwell").sum())
+    motions = [part.trajectory for part in parts if part.trajectory is not None]
+    bounds = [part.lower_bound for part in parts if part.lower_bound is not None]
+    lower_bound = sum(bounds) + waits if len(bounds) == len(parts) else None
+    if len(motions) < len(parts):
+        (*_, failed) = (part for part in parts if part.trajectory is None)
+        return replace(failed, lower_bound=lower_bound, stats={}, history=None)
+    relaxed = any(part.status is Status.RELAXED for part in parts)
+    started = [np.sort(np.ravel(part.stats.get("start_duration", []))) for part in parts]
+    count = min(map(len, started))
+    stats = {"start_duration": sum(own[:count] for own in started) + waits} if count else {}
+    return Solution(
+        Status.RELAXED if relaxed else Status.SOLVED,
+        dwell.joined(problem, motions),
+        "; ".join(dict.fromkeys(part.message for part in parts if part.message)),
+        lower_bound,
+        setup_time=sum(part.setup_time for part in parts),
+        stats=stats,
+    )
 
 
 def _saying(said: Sequence[str], solution: Solution, *, relaxed: bool) -> Solution:
@@ -171,6 +209,8 @@ class Planner(ABC):
 
         A planner's own reasons come after the limits and demands that it does not know.
         """
+        if self.splits(problem):
+            return next(filter(None, map(self.unsupported, dwell.parts(problem))), None)
         harmless = "relaxation" if self.drops else "restriction"
         demands = self.unknown_demands(problem)
         asked = [DEMANDS[key].name for key in demands if DEMANDS[key].left_out != harmless]
@@ -198,7 +238,12 @@ class Planner(ABC):
 
     def unknown_demands(self, problem: Problem) -> list[str]:
         """Return the demands of the problem that it does not plan for, by their keys."""
-        return [key for key in problem.demands if key not in self.knows]
+        keys = [key for key in problem.demands if key not in self.knows]
+        return [key for key in keys if not DEMANDS[key].splits]
+
+    def splits(self, problem: Problem) -> bool:
+        """Return whether it solves the problem part by part, from rest to rest between waits."""
+        return any(DEMANDS[key].splits and key not in self.knows for key in problem.demands)
 
     def joins_segments(self, problem: Problem) -> bool:
         """Return whether it plans with other limits, as segments differ, than each segment's."""

@@ -35,8 +35,9 @@ def end_to_end_bound(problem: Problem) -> float:
 
     The longer of two relaxations: every joint alone, straight from the first to the last waypoint
     (the optimum itself where there are two waypoints and jerk limits are symmetric), if the motion
-    is from rest to rest; and every segment at full velocity. Position limits are lifted, and
-    waypoints that rounding may miss are left out. 0 where a demand widens the problem.
+    is from rest to rest; and every segment at full velocity, or in its least time. Waits are added.
+    Position limits are lifted, and waypoints that rounding may miss are left out. 0 where a demand
+    widens the problem.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
     if "restriction" in left_out:
@@ -48,12 +49,13 @@ def end_to_end_bound(problem: Problem) -> float:
     # |h|/V, each joint in the direction of its displacement
     merged, _ = problem.merged()
     passed = thinned(merged)
+    route = passed.route
     h = passed.displacements
     backward, forward = _sides(passed.limits.velocity)
     top = np.where(h >= 0, forward, -backward)
     cruising = np.abs(h) / top
-    longest = cruising.max(axis=1)
-    bound = max(straight.max(), longest.sum())
+    longest = np.maximum(cruising.max(axis=1), route.demand("least_times"))
+    bound = max(straight.max(), longest.sum()) + route.demand("dwell").sum()
     return float(bound) * (1 - _ROUNDING_RTOL)
 
 

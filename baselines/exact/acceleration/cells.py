@@ -27,7 +27,7 @@ _START_ROOM = 0.98
 
 # The upper profile, and the lower one seen mirrored: h, u, w and peaks change their signs.
 _SIGNS = np.array([1.0, -1.0])
-_SIDES = _SIGNS.reshape(2, 1, 1, 1)
+SIDES = _SIGNS.reshape(2, 1, 1, 1)
 
 
 class AccelerationUnknowns(NamedTuple):
@@ -57,7 +57,7 @@ class AccelerationUnknowns(NamedTuple):
 def both_sides(ends: Array) -> Array:
     """Ends as both sides see them, the lower one mirrored: `(2, …)` to `(2, 2, …)`."""
     of_each_side = ends[:, None]
-    return of_each_side * _SIDES
+    return of_each_side * SIDES
 
 
 def _by_axes_of_two(limits: ArrayLike) -> Array:
@@ -101,7 +101,7 @@ class AccelerationTables:
 
         self.scaled = scaled
         self.every = every
-        self.h = table(_SIDES * scaled.h)
+        self.h = table(SIDES * scaled.h)
         stops = [scaled.stop] * starts
         self.stop = np.array(stops)
         self.ones = np.ones(every)
@@ -118,6 +118,10 @@ class AccelerationTables:
         """Return the tables for another number of starts."""
         return AccelerationTables(self.scaled, starts)
 
+    def at_ends(self, velocity: Array) -> Array:
+        """Waypoint velocities at the start and the end of each segment."""
+        return at_ends(velocity, self.scaled.end_v, self.scaled.closed)
+
     def start(self, times: Array, velocities: Array) -> AccelerationUnknowns:
         """Within velocity limits; peaks as high as times and limits allow.
 
@@ -126,13 +130,13 @@ class AccelerationTables:
             velocities: at the inner waypoints, `(starts, segments - 1, joints)`.
         """
         fastest = _START_ROOM * self.fastest * self.top
-        inner_limits = fastest[:, :, :-1]
+        inner_limits = fastest[:, :, : velocities.shape[1]]
         highest, lowest = inner_limits
         velocity = np.clip(velocities, -lowest, highest)
         t = times[..., None]
         mean = self.h / t
         upper_mean, _ = mean
-        excess = at_ends(velocity, self.scaled.end_v) - upper_mean
+        excess = self.at_ends(velocity) - upper_mean
         inner = np.empty_like(self.lowest)
         ends, peaks = inner
         lowest_ends, _ = self.lowest

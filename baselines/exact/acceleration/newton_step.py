@@ -17,7 +17,7 @@ from baselines.exact.acceleration.cells import (
     AccelerationUnknowns,
     both_sides,
 )
-from baselines.exact.method.chain import Chain, Links, at_ends
+from baselines.exact.method.chain import Chain, Links
 from baselines.exact.method.interior_point import chosen, moved
 from trajopt.core.arrays import Array, Bools
 
@@ -112,7 +112,7 @@ class AccelerationInequalities:
     def missing(self) -> Array:
         """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
         mean, _ = self.cells.h / self.t
-        excess = at_ends(self.point.velocity, self.cells.scaled.end_v) - mean
+        excess = self.cells.at_ends(self.point.velocity) - mean
         return excess / self.t - self.point.ends
 
     @property

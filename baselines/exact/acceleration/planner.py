@@ -15,21 +15,28 @@ for this program (`exact.method.crossover`) leads to a local optimum.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from baselines.exact.acceleration import gaps
 from baselines.exact.acceleration.cells import AccelerationTables
+from baselines.exact.acceleration.demands import DemandInequalities, DemandTables
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method import brief_steps
 from baselines.exact.method.chain import with_outer
 from baselines.exact.method.crossover import minimised
-from baselines.exact.method.planner import LocalOptimum, SeveralStarts
+from baselines.exact.method.planner import (
+    DEMANDS_KNOWN,
+    LocalOptimum,
+    SeveralStarts,
+    without_ipopt,
+)
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.demand import END_VELOCITIES
@@ -62,7 +69,10 @@ class Exact(SeveralStarts):
 
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", *END_VELOCITIES)
+    knows = ("velocity", "acceleration", *END_VELOCITIES, *DEMANDS_KNOWN)
+
+    def unsupported(self, problem: Problem) -> str | None:
+        return without_ipopt(self.solver, problem)
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -95,10 +105,28 @@ class Passing(Scaled):
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem, jerk=False)
 
-    def trajectory(self, times: Array, velocities: Array) -> Trajectory:
+    @property
+    def has_demands(self) -> bool:
+        """Whether the route asks for more than exact waypoints and rest at its ends."""
+        return bool(self.closed or self.least.any() or self.tolerance.any())
+
+    def shifted(self, offset: Array) -> Passing:
+        """The problem without tolerance whose waypoints are moved, `(waypoints, joints)`."""
+        waypoints = np.array(self.problem.waypoints)
+        waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
+        own = copy(self)
+        own.problem = replace(self.problem.without("tolerance"), waypoints=waypoints)
+        own.tolerance = 0 * self.tolerance
+        own.h = own.problem.displacements[:, self.moving] / self.units[-1]
+        return own
+
+    def trajectory(self, times: Array, states: Any) -> Trajectory:
         """The explicit answer: each joint's motion of least acceleration through each segment."""
+        if self.tolerance.any():
+            velocities, offset = states
+            return self.shifted(offset).trajectory(times, velocities)
         *_, q_unit = self.units
-        ends = with_outer(velocities, self.end_v)
+        ends = with_outer(states, self.end_v, self.closed)
         starts = self.problem.waypoints[:-1, self.moving]
         walls = self.problem.limits.position[self.moving].T
         task = SegmentTask(
@@ -130,7 +158,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
     motion's ends are `k` times as large. In the briefest segments velocities differ by less than
     their rounding. No dilation mends that, so it is allowed.
     """
-    ends = with_outer(velocities, k * scaled.end_v)
+    ends = with_outer(velocities, k * scaled.end_v, scaled.closed)
     u = ends[:-1]
     w = ends[1:]
     t = times[:, None]
@@ -144,6 +172,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
     step = w - u
     reach = extremes(u, w, t, v, a)
     conditions = [
+        scaled.least <= k * times,
         # −V1 ≤ v ≤ V2 at the waypoints
         slowest <= velocities,
         velocities <= fastest,
@@ -191,40 +220,51 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
     """
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
-    inner = (segments - 1, joints)
+    inner = (segments - (not scaled.closed), joints)
     at_rest = np.zeros(inner)
     yield stopping * scaled.stop, at_rest
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
         # between the mean velocities before and after the waypoint, times a random speed
         mean = scaled.h / times[:, None]
-        before = mean[:-1]
-        after = mean[1:]
+        before = mean[: len(at_rest)]
+        after = np.roll(mean, -1, axis=0)[: len(at_rest)]
         mix = rng.uniform(size=inner)
         between = mix * before + (1 - mix) * after
-        speed = rng.uniform(0, 1.5, (segments - 1, 1))
+        speed = rng.uniform(0, 1.5, (len(at_rest), 1))
         yield times, between * speed
 
 
 def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
     """The local optimum near each start, dilated until it is exactly reachable."""
 
-    def reached(
-        rows: AccelerationInequalities, start: int, largest_dilation: float
-    ) -> LocalOptimum | None:
+    def reached(rows: Any, start: int, largest_dilation: float) -> LocalOptimum | None:
         times = rows.times[start]
         ends = rows.point.ends[:, start]
         # a joint at its limit throughout a segment: ∓A T/2 from its mean velocity
         gain = ends[1] - ends[0]
         limit = np.where(gain > 0, scaled.a[1], scaled.a[0])
         is_full = np.abs(gain / limit - 1) < _FULL_RTOL
-        ends = np.where(is_full, [-limit / 2, limit / 2], ends)
+        if not tolerant:
+            ends = np.where(is_full, [-limit / 2, limit / 2], ends)
         velocities = scaled.within(scaled.velocities(times, ends))
-        return _reached(scaled, times, velocities, "Converged", largest_dilation)
+        if not tolerant:
+            return _reached(scaled, times, velocities, "Converged", largest_dilation)
+        offset = np.clip(rows.point.offset[start], -scaled.tolerance, scaled.tolerance)
+        moved = scaled.shifted(offset)
+        found = _reached(moved, times, velocities, "Converged", largest_dilation)
+        return found and found._replace(states=(found.states, offset))
 
-    cells = AccelerationTables(scaled, len(starts))
+    tolerant = scaled.tolerance.any()
     times, velocities = (np.array(column) for column in zip(*starts, strict=True))
-    optima = minimised(AccelerationInequalities(cells, cells.start(times, velocities)), reached)
+    if scaled.has_demands:
+        asked = DemandTables(scaled, len(starts))
+        of_demands = DemandInequalities(asked, asked.start(times, velocities))
+        optima = minimised(of_demands, reached)
+    else:
+        cells = AccelerationTables(scaled, len(starts))
+        rows = AccelerationInequalities(cells, cells.start(times, velocities))
+        optima = minimised(rows, reached)
     return [
         LocalOptimum(np.inf, *start, "Not_Converged") if optimum is None else optimum
         for start, optimum in zip(starts, optima, strict=True)

@@ -31,8 +31,12 @@ from baselines.exact.method.interior_point import MIN_KEPT_SLACK, ROW_AXES, chos
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
-# Rows of the reach of a cell, where the extreme profiles are of both kinds.
+# Rows of the reach of a cell, where the extreme profiles are of both kinds; after them those of
+# acceleration and of velocity at a cell's end, then one of the least time.
 REACH = 4
+SLOWER = slice(REACH, REACH + 2)
+FASTER = slice(REACH + 2, REACH + 4)
+LEAST = REACH + 4
 # A segment's end is seen backwards, where acceleration changes its sign.
 FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 # A residual of a link up to this, relative to its velocities, is rounding.
@@ -95,11 +99,13 @@ class JerkTables:
         self.down = sides(r1, r2)
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None, None]
+        self.closed = scaled.closed
+        self.least = scaled.least if scaled.least.any() else None
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
         """The point of these segment times, `(starts, segments)`, and states, its links met."""
         t = times[..., None]
-        ends = (at_ends(velocity, self.scaled.end_v) - self.h / t) / t
+        ends = (at_ends(velocity, self.scaled.end_v, self.closed) - self.h / t) / t
         return JerkUnknowns(np.log(times), ends, velocity, acceleration)
 
 
@@ -133,18 +139,21 @@ class JerkInequalities:
             cells.signs * steep,
             cells.beyond,
         )
-        waypoints = at_ends(point.acceleration, cells.scaled.end_a)
+        waypoints = at_ends(point.acceleration, cells.scaled.end_a, cells.closed)
         profiles = ExtremeProfiles(
             point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * FLIPS, limits
         )
         reach = profiles.value
         # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
         _, acceleration = waypoints
-        _, velocity = at_ends(point.velocity, cells.scaled.end_v)
+        _, velocity = at_ends(point.velocity, cells.scaled.end_v, cells.closed)
         signs = cells.signs[:2]
         slower = cells.widest - signs * acceleration
         faster = signs * velocity + cells.falling * acceleration**2 / 2
-        values = np.concatenate([reach, slower, cells.fastest - faster])[:, None]
+        tables = [reach, slower, cells.fastest - faster]
+        if cells.least is not None:
+            tables.append(_longer(times, cells.least, velocity.shape))
+        values = np.concatenate(tables)[:, None]
 
         self.cells = cells
         self.point = point
@@ -187,20 +196,23 @@ class JerkInequalities:
         signs = self.cells.signs[:2]
         own = self.t * signs
         _, ends = self.point.ends
-        _, acceleration = at_ends(self.point.acceleration, self.cells.scaled.end_a)
-        first = np.zeros((5, REACH + 4, *self.mean.shape))
+        scaled = self.cells.scaled
+        _, acceleration = at_ends(self.point.acceleration, scaled.end_a, scaled.closed)
+        first = np.zeros((5, len(self.values), *self.mean.shape))
         first[:, :REACH] = reach * seen
-        first[ACCELERATIONS[1], REACH:-2] = -signs
+        first[ACCELERATIONS[1], SLOWER] = -signs
         # dv = T dx − (h/T − T x) ds
-        first[TIME, -2:] = own * (self.steep - ends)
-        first[VELOCITIES[1], -2:] = -own
-        first[ACCELERATIONS[1], -2:] = -self.cells.falling * acceleration
+        first[TIME, FASTER] = own * (self.steep - ends)
+        first[VELOCITIES[1], FASTER] = -own
+        first[ACCELERATIONS[1], FASTER] = -self.cells.falling * acceleration
+        if self.cells.least is not None:
+            first[TIME, LEAST, ..., 0] = self.cells.least > 0
         return Slopes(first, second)
 
     @cached_property
     def missing(self) -> Array:
         """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
-        velocity = at_ends(self.point.velocity, self.cells.scaled.end_v)
+        velocity = at_ends(self.point.velocity, self.cells.scaled.end_v, self.cells.closed)
         missing = velocity - self.mean - self.t * self.point.ends
         size = np.abs(velocity) + np.abs(self.mean)
         is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size
@@ -230,19 +242,21 @@ class JerkLinearisation:
         matrix = np.einsum("ir...,jr...->ij...", w * first, first)
         matrix -= (z[:REACH] * second).sum(axis=2)
         a = ACCELERATIONS[1]
-        matrix[a, a] += (z[-2:] * cells.falling).sum(axis=0)
+        matrix[a, a] += (z[FASTER] * cells.falling).sum(axis=0)
         pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
         # v follows 1/T and the briefer segment's end: that end feels what presses on v elsewhere
         own = pull[list(VELOCITIES)] / rows.t
         pressed = own.copy()
-        by_limits = z[-2:] * cells.signs[:2]
+        by_limits = z[FASTER] * cells.signs[:2]
         pressed[1] -= by_limits.sum(axis=0)
-        whole = pressed + beside_it(pressed)
-        bent = rows.t * (own - np.where(owners(rows.times), whole, 0.0))
+        whole = pressed + beside_it(pressed, cells.closed)
+        bent = rows.t * (own - np.where(owners(rows.times, cells.closed), whole, 0.0))
         twice = 2 * bent * ends
         matrix[TIME, TIME] += twice.sum(axis=0) - pull[TIME]
         # along a line in 1/T the time bends by T: a share of each joint
         matrix[TIME, TIME] += rows.t / bent.shape[-1]
+        if cells.least is not None:
+            matrix[TIME, TIME] -= z[LEAST] * first[TIME, LEAST]
         for v, twist in zip(VELOCITIES, bent, strict=True):
             matrix[TIME, v] += twist
             matrix[v, TIME] += twist
@@ -251,8 +265,8 @@ class JerkLinearisation:
         self.weights = w
         # the velocity rows miss what the links miss
         self.missed = np.zeros_like(w)
-        self.missed[-2:] = rows.t * cells.signs[:2] * rows.missing[1]
-        self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1))
+        self.missed[FASTER] = rows.t * cells.signs[:2] * rows.missing[1]
+        self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1), cells.closed)
 
     def slope(self, multipliers: Array) -> Array:
         """The largest right-hand side of a step over the times, `(starts,)`.
@@ -268,14 +282,14 @@ class JerkLinearisation:
         log, cells, velocity = self.chain.step(self._gradient(aim))
         by_variable = cells.transpose(3, 0, 1, 2)
         change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
-        acceleration = by_variable[ACCELERATIONS[1], :, :-1]
+        acceleration = by_variable[ACCELERATIONS[1], :, : velocity.shape[1]]
         step = JerkUnknowns(log, by_variable[list(VELOCITIES)], velocity, acceleration)
         return step, change[:, None]
 
     def bending(self, step: JerkUnknowns) -> Array:
         """By how much a step changes every row at second order."""
         rows = self.rows
-        before, after = at_ends(step.acceleration)
+        before, after = at_ends(step.acceleration, closed=rows.cells.closed)
         log = np.broadcast_to(step.log[..., None], after.shape)
         changes = np.array([log, step.ends[0], before, step.ends[1], after])
         bent = (rows.slopes.second * changes[:, None]).sum(axis=1)
@@ -283,7 +297,9 @@ class JerkLinearisation:
         by_times = rows.slopes.first[TIME, :REACH] * log**2
         by_changes = (bent * changes[:, None]).sum(axis=0)
         table[:REACH] = (by_times + by_changes) / 2
-        table[-2:] = -rows.cells.falling * after**2 / 2
+        table[FASTER] = -rows.cells.falling * after**2 / 2
+        if rows.cells.least is not None:
+            table[LEAST] = rows.slopes.first[TIME, LEAST] * log**2 / 2
         return table[:, None]
 
     def _gradient(self, multipliers: Array) -> Array:
@@ -291,3 +307,14 @@ class JerkLinearisation:
         pressed = multipliers[:, 0] - self.weights * self.missed
         gradient = (pressed * self.rows.slopes.first).sum(axis=1)
         return gradient.transpose(1, 2, 3, 0)
+
+
+def _longer(times: Array, least: Array, shape: tuple[int, ...]) -> Array:
+    """The logarithm of each segment's time over its least one, in its first joint's cell.
+
+    1 where there is no least time, and in all other cells, `(1, starts, segments, joints)`.
+    """
+    longer = np.ones((1, *shape))
+    own = np.where(least > 0, least, 1.0)
+    longer[0, ..., 0] = np.where(least > 0, np.log(times / own), 1.0)
+    return longer

@@ -116,7 +116,7 @@ def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array
     They are the waypoints'. In a segment so brief that the last place of a velocity is worth some
     jerk they are its own: what they differ by, the long segments beside it make up for.
     """
-    velocity = with_outer(scaled.velocities(times, ends), scaled.end_v)
+    velocity = with_outer(scaled.velocities(times, ends), scaled.end_v, scaled.closed)
     t = times[:, None]
     own = scaled.h / t + t * ends
     speeds = np.abs(own).max(axis=0)
@@ -237,7 +237,7 @@ def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities
         is_used = _shares(after, limits) > 0
         is_spoilt = is_used & negative.any(axis=0)
         is_fine = (after.reach >= least) & ~is_spoilt
-        kept = _of_both_cells(is_fine.all(axis=0))
+        kept = _of_both_cells(is_fine.all(axis=0), rows.cells.closed)
         if (kept | ~chosen).all():
             rows = after
             continue
@@ -259,13 +259,13 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     ahead = missing * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
     sides = cells.scaled.a
-    wished = _beside(level)
+    wished = _beside(level, cells.closed)
     changes = np.clip(wished, *sides) - acceleration
-    is_wanted = _beside(is_alone & limits.jerky & is_brief)
+    is_wanted = _beside(is_alone & limits.jerky & is_brief, cells.closed)
     wanted = np.where(is_wanted, changes, np.inf)
     least = np.abs(wanted).argmin(axis=0)[None]
     (change,) = np.take_along_axis(wanted, least, axis=0)
-    free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0))
+    free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0), cells.closed)
     # a brief ramp below the velocity limit would lead to a dip
     fastest, is_fast = _nearest(velocity, cells.scaled.v, limits)
     steepest, is_steep = _nearest(acceleration, sides, limits)
@@ -288,21 +288,25 @@ def _nearest(values: Array, sides: Array, limits: _AllowedMotion) -> tuple[Array
 def _moved(rows: JerkInequalities, velocity: Array, acceleration: Array) -> JerkInequalities:
     """The cells between other states."""
     point = rows.point
-    change = at_ends(velocity - point.velocity)
+    change = at_ends(velocity - point.velocity, closed=rows.cells.closed)
     ends = point.ends + change / rows.t
     return JerkInequalities(rows.cells, JerkUnknowns(point.log, ends, velocity, acceleration))
 
 
-def _beside(cells: Array) -> Array:
+def _beside(cells: Array, closed: bool) -> Array:
     """Values at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, by waypoint."""
     start, end = cells
+    if closed:
+        return np.concatenate([end, np.roll(start, -1, axis=2)])
     before = end[:, :, :-1]
     after = start[:, :, 1:]
     return np.concatenate([before, after])
 
 
-def _of_both_cells(cells: Bools) -> Bools:
-    """At which inner waypoints this is true of both cells."""
+def _of_both_cells(cells: Bools, closed: bool) -> Bools:
+    """At which waypoints with a state of their own this is true of both cells."""
+    if closed:
+        return np.asarray(cells & np.roll(cells, -1, axis=1))
     before = cells[:, :-1]
     after = cells[:, 1:]
     return np.asarray(before & after)

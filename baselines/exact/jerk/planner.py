@@ -25,7 +25,12 @@ from baselines.exact.jerk import one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.method import brief_steps
 from baselines.exact.method.interior_point import begun, chosen, converged, descended
-from baselines.exact.method.planner import LocalOptimum, SeveralStarts
+from baselines.exact.method.planner import (
+    DEMANDS_KNOWN,
+    LocalOptimum,
+    SeveralStarts,
+    without_ipopt,
+)
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -57,11 +62,11 @@ class ExactJerk(SeveralStarts):
     starts: int = 4
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", "jerk")
+    knows = ("velocity", "acceleration", "jerk", *DEMANDS_KNOWN)
     seconds = (3e-4, 2e-8)
 
     def unsupported(self, problem: Problem) -> str | None:
-        return one_sided.unsupported(problem)
+        return one_sided.unsupported(problem) or without_ipopt(self.solver, problem)
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -104,7 +109,7 @@ def _starts(scaled: Scaled) -> Iterator[Array]:
 def _minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
     """The local optimum near each start."""
     cells = JerkTables(scaled, kinds=2)
-    inner = scaled.h[1:]
+    inner = scaled.h if scaled.closed else scaled.h[1:]
     at_rest = np.zeros((len(starts), *inner.shape))
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):

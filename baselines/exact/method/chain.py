@@ -38,13 +38,17 @@ MAX_CONVEXITY = 1e14
 ROUNDING_RTOL = 1e-18
 
 
-def at_ends(velocity: Array, outer: Array | None = None) -> Array:
+def at_ends(velocity: Array, outer: Array | None = None, closed: bool = False) -> Array:
     """Waypoint velocities at both ends of each segment, `(2, starts, segments, joints)`.
 
     Args:
-        velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
+        velocity: at the inner waypoints, `(starts, segments - 1, joints)`; of a closed motion at
+            all but the first, which has the last one's.
         outer: at the motion's ends, `(2, joints)`; by default zero, as of a step.
+        closed: whether the motion is closed.
     """
+    if closed:
+        return np.array([np.roll(velocity, 1, axis=1), velocity])
     starts, inner, joints = velocity.shape
     segments = inner + 1
     shape = (2, starts, segments, joints)
@@ -57,8 +61,13 @@ def at_ends(velocity: Array, outer: Array | None = None) -> Array:
     return ends
 
 
-def with_outer(inner: Array, outer: Array) -> Array:
-    """Values at the inner waypoints, between those at the ends, `(segments + 1, joints)`."""
+def with_outer(inner: Array, outer: Array, closed: bool = False) -> Array:
+    """Values at the inner waypoints, between those at the ends, `(segments + 1, joints)`.
+
+    Those of a closed motion are of all waypoints but the first, which has the last one's.
+    """
+    if closed:
+        return np.concatenate([inner[-1:], inner])
     waypoints, joints = inner.shape
     ends = np.zeros((waypoints + 2, joints))  # in place of `np.pad`, 50 us slower
     ends[1:-1] = inner
@@ -119,18 +128,20 @@ class _BandLayout(NamedTuple):
 
 
 @cache
-def _layout(segments: int, joints: int, orders: int) -> _BandLayout:
+def _layout(segments: int, joints: int, orders: int, closed: bool = False) -> _BandLayout:
     width = 1 + orders * joints
-    size = (segments - 1) * width + 1
+    size = segments * width if closed else (segments - 1) * width + 1
     time = np.arange(segments)[:, None, None] * width
     time = np.broadcast_to(time, (segments, joints, 1))
     after = time + 1 + np.arange(orders * joints).reshape(joints, orders)
     unknowns = np.concatenate([time, time - width, time + width, after - width, after], axis=-1)
+    if closed:
+        unknowns %= size
     unknowns = np.where((unknowns >= 0) & (unknowns < size), unknowns, size)
     row = unknowns[..., :, None]
     column = unknowns[..., None, :]
     is_lower = (row >= column) & (row < size)
-    places = column * 2 * width + row
+    places = column * size + row if closed else column * 2 * width + row
     return _BandLayout(width, size, unknowns, np.flatnonzero(is_lower), places[is_lower])
 
 
@@ -142,17 +153,20 @@ class Chain:
         links: of the cells.
         matrix: the quadratic model of every cell over its variables,
             `(starts, segments, joints, variables, variables)`.
+        closed: whether the last segment's end is the first one's start. The matrix is then factored
+            as a full one.
     """
 
-    def __init__(self, times: Array, links: Links, matrix: Array) -> None:
+    def __init__(self, times: Array, links: Links, matrix: Array, closed: bool = False) -> None:
         starts, segments, joints, variables, _ = matrix.shape
         orders = (variables - 1) // 2
         self.times = times
         self.links = links
         self.matrix = matrix
         self.orders = orders
-        self.layout = _layout(segments, joints, orders)
-        owned = owners(times)
+        self.closed = closed
+        self.layout = _layout(segments, joints, orders, closed)
+        owned = owners(times, closed)
         self.owned = owned
 
         # y = B unknowns + constant
@@ -160,6 +174,9 @@ class Chain:
         ratio = np.ones(owned.shape)
         ratio[0, :, 1:] = t[:, :-1] / t[:, 1:]
         ratio[1, :, :-1] = t[:, 1:] / t[:, :-1]
+        if closed:
+            ratio[0, :, 0] = t[:, -1] / t[:, 0]
+            ratio[1, :, -1] = t[:, 0] / t[:, -1]
         slope, missing = links
         to_unknowns = np.zeros((starts, segments, joints, variables, variables + 2))
         constant = np.zeros((starts, segments, joints, variables))
@@ -168,10 +185,10 @@ class Chain:
             v = 1 + orders * end
             own = owned[end]
             to_unknowns[..., v, 0] = np.where(own, 0.0, slope[end])
-            beside = ratio[end] * beside_it(slope)[end]
+            beside = ratio[end] * beside_it(slope, closed)[end]
             to_unknowns[..., v, 1 + end] = np.where(own, 0.0, -beside)
             to_unknowns[..., v, v + 2] = np.where(own, 1.0, ratio[end])
-            missed = missing[end] - ratio[end] * beside_it(missing)[end]
+            missed = missing[end] - ratio[end] * beside_it(missing, closed)[end]
             constant[..., v] = np.where(own, 0.0, missed)
             for order in range(1, orders):
                 to_unknowns[..., v + order, v + order + 2] = 1.0
@@ -203,25 +220,39 @@ class Chain:
         gradient = np.abs(self.gradient(by_cell))
         over_times = gradient[:, ::width]
         # dv = T dx in the briefer segment
-        briefer = np.minimum(self.times[:, :-1], self.times[:, 1:])
-        after = gradient[:, :-1].reshape(*briefer.shape, width)
+        following = np.roll(self.times, -1, axis=1) if self.closed else self.times[:, 1:]
+        briefer = np.minimum(self.times[:, : following.shape[1]], following)
+        after = gradient[:, : briefer.shape[1] * width].reshape(*briefer.shape, width)
         over_velocities = after[..., 1 :: self.orders].max(axis=2) / briefer
         over_velocities = over_velocities.max(axis=1, initial=0.0)
         return np.maximum(over_times.max(axis=1), over_velocities)
 
+    def offsets(self, of_unknowns: Array) -> Array:
+        """Entries of what follows the velocity at a waypoint, `(starts, waypoints, joints)`."""
+        starts, size = of_unknowns.shape
+        waypoints = size // self.layout.width
+        after = of_unknowns[:, : waypoints * self.layout.width].reshape(starts, waypoints, -1)
+        return after[..., 2 :: self.orders]
+
     def bands(self) -> Array:
-        """The matrix over the unknowns as a lower band of every start, a row per unknown."""
+        """The matrix over the unknowns as a lower band of every start, a row per unknown.
+
+        Of a closed motion it is the whole lower triangle.
+        """
         layout = self.layout
         turned = self.to_unknowns.swapaxes(-1, -2)
         reduced = turned @ self.matrix @ self.to_unknowns
         starts = len(reduced)
+        height = layout.size if self.closed else layout.height
         bands = _summed(
-            reduced.reshape(starts, -1)[:, layout.chosen],
-            layout.places,
-            layout.size * layout.height,
+            reduced.reshape(starts, -1)[:, layout.chosen], layout.places, layout.size * height
         )
-        bands = bands.reshape(starts, layout.size, layout.height)
-        bands[:, :: layout.width, 0] += self.times
+        bands = bands.reshape(starts, layout.size, height)
+        if self.closed:
+            of_times = np.arange(0, layout.size, layout.width)
+            bands[:, of_times, of_times] += self.times
+        else:
+            bands[:, :: layout.width, 0] += self.times
         return bands
 
     def step(self, by_cell: Array) -> Solved:
@@ -232,12 +263,16 @@ class Chain:
         starts, size = gradient.shape
         unknowns = np.zeros((starts, size + 1))
         for start, factor in enumerate(self._factors):
-            solution, _ = scipy.linalg.lapack.dpbtrs(factor, gradient[start], lower=1)
+            solve = scipy.linalg.lapack.dpotrs if self.closed else scipy.linalg.lapack.dpbtrs
+            solution, _ = solve(factor, gradient[start], lower=1)
             unknowns[start, :-1] = solution
         own = unknowns[:, self.layout.unknowns]
         cells = np.matmul(self.to_unknowns, own[..., None])[..., 0] + self.constant
         log = unknowns[:, : -1 : self.layout.width]
         velocities = self._velocities(log, cells)
+        if self.closed:
+            later = np.roll(velocities[0], -1, axis=1)
+            return Solved(log, cells, np.where(self.owned[1], velocities[1], later))
         velocity = np.where(self.owned[1, :, :-1], velocities[1, :, :-1], velocities[0, :, 1:])
         return Solved(log, cells, velocity)
 
@@ -257,33 +292,44 @@ class Chain:
         """The Cholesky factor of a band, the entries of its times increased where needed."""
         import scipy  # late: planners that are only listed need none of it
 
-        times = band[:: self.layout.width, 0]
+        diagonal = np.einsum("ii->i", band) if self.closed else band[:, 0]
+        factored = scipy.linalg.lapack.dpotrf if self.closed else scipy.linalg.lapack.dpbtrf
         added = 0.0
         while added <= MAX_CONVEXITY:
-            factor, failed = scipy.linalg.lapack.dpbtrf(band.T, lower=1)
+            factor, failed = factored(band.T, lower=1)
             if not failed:
                 return factor
             more = max(CONVEXITY_FACTOR * added, START_CONVEXITY)
-            times += (more - added) * self.times[start]
+            diagonal[:: self.layout.width] += (more - added) * self.times[start]
             added = more
-            band[:, 0] *= 1 + ROUNDING_RTOL * added
+            diagonal *= 1 + ROUNDING_RTOL * added
         return np.full_like(band.T, np.nan)
 
 
-def owners(times: Array) -> Bools:
+def owners(times: Array, closed: bool = False) -> Bools:
     """Which cells own the unknown at each of their ends, `(2 ends, starts, segments, 1)`."""
     owned = np.zeros((2, *times.shape, 1), dtype=bool)
     briefer = times[:, :-1] < times[:, 1:]
     owned[1, :, :-1, 0] = briefer
     owned[0, :, 1:, 0] = ~briefer
+    if closed:
+        last = times[:, -1] < times[:, 0]
+        owned[1, :, -1, 0] = last
+        owned[0, :, 0, 0] = ~last
     return owned
 
 
-def beside_it(ends: Array) -> Array:
-    """Return the neighbour's value at each end of every cell, 0 at the motion's ends."""
+def beside_it(ends: Array, closed: bool = False) -> Array:
+    """Return the neighbour's value at each end of every cell.
+
+    At the motion's ends it is 0, or, where the motion is closed, the value at the other end.
+    """
     beside = np.zeros_like(ends)
     beside[0, :, 1:] = ends[1, :, :-1]
     beside[1, :, :-1] = ends[0, :, 1:]
+    if closed:
+        beside[0, :, 0] = ends[1, :, -1]
+        beside[1, :, -1] = ends[0, :, 0]
     return beside
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
+from trajopt.core.demand import names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -21,6 +22,18 @@ from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
 
 Start = TypeVar("Start")
+
+
+# Demands on the way that the programs of both planners have.
+DEMANDS_KNOWN = ("least_times",)
+
+
+def without_ipopt(solver: str, problem: Problem) -> str | None:
+    """Return why IPOPT's program cannot solve a problem: it has no demands."""
+    if solver != "ipopt" or not problem.demands:
+        return None
+    asked = names(problem.demands)
+    return f"its program for IPOPT does not know {asked}; the interior-point method does"
 
 
 class LocalOptimum(NamedTuple):

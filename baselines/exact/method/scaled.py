@@ -43,7 +43,8 @@ class Scaled:
         acceleration = limits.acceleration[moving].T
         jerks = np.abs(limits.jerk[moving].T)
 
-        stop = stop_times(known)
+        least = problem.route.demand("least_times")
+        stop = np.maximum(stop_times(known), least)
         route = problem.route
         end_v, end_a = np.stack([route.start, route.end], axis=1)[..., moving]
         if not route.at_rest:
@@ -68,6 +69,10 @@ class Scaled:
         self.end_v = end_v / v_unit
         self.end_a = end_a / a_unit
         self.h = problem.displacements[:, moving] / q_unit
+        self.closed = bool(getattr(problem.route, "closed", False))
+        self.least = least / unit
+        tolerance = getattr(problem.route, "tolerance", np.zeros(problem.waypoints.shape))
+        self.tolerance = tolerance[1 : None if self.closed else -1, moving] / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))
 
@@ -83,6 +88,9 @@ class Scaled:
         """
         t = times[:, None]
         first, last = self.h / t + t * ends
+        if self.closed:
+            is_briefer = t < np.roll(t, -1, axis=0)
+            return np.where(is_briefer, last, np.roll(first, -1, axis=0))
         is_briefer = t[:-1] < t[1:]
         return np.where(is_briefer, last[:-1], first[1:])
 

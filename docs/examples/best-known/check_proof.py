@@ -13,6 +13,7 @@ from math import floor, inf, isqrt, nan
 
 RAISE, LOWER, BRANCH, LEAF = range(4)
 LIMITS = ("velocity", "acceleration", "jerk", "position")
+PLAIN = ("name", "source", "digest", "joint_names", "joint_units", "waypoints", "limits")
 DIGITS = 2**128
 SAME = Fraction(1, 2**48)  # rounding, relative to a joint's largest coordinate
 BRIEF, IN_LINE = 60 * 10**5, Fraction(1, 100)  # docs/mathematics/verification.md, (7.1)
@@ -51,11 +52,19 @@ def unique(pairs):
     return dict(pairs)
 
 
+def shape(table):
+    return (len(table), *shape(table[0])) if isinstance(table, list) else ()
+
+
+def flat(table):
+    return [x for row in table for x in flat(row)] if isinstance(table, list) else [table]
+
+
 def digest(tables):  # SHA-256 of the problem's numbers, as the file has it
     found = hashlib.sha256()
     for name, table in tables:
-        found.update(name.encode() + repr((len(table), len(table[0]))).encode())
-        row = (nan if x is None else float(x) for row in table for x in row)
+        found.update(name.encode() + repr(shape(table)).encode())
+        row = (nan if x is None else float(x) for x in flat(table))
         found.update(b"".join(struct.pack("<d", x) for x in row))
     return found.hexdigest()
 
@@ -64,12 +73,14 @@ def sided(pairs):  # a missing limit is infinite
     return [[-inf if x is None else x, inf if y is None else y] for x, y in pairs]
 
 
-def separate(points):  # leave out points that equal the last one but for rounding
+def separate(points, least):  # leave out points that equal the last one but for rounding
     rounding = [SAME * max(map(abs, column)) for column in zip(*points, strict=True)]
-    kept = points[:1]
-    for point in points[1:]:
-        steps = zip(point, kept[-1], rounding, strict=True)
-        kept += [point] if any(abs(x - y) > least for x, y, least in steps) else []
+    kept, last = [0], points[0]
+    for k, point in enumerate(points[1:], start=1):
+        steps = zip(point, last, rounding, strict=True)
+        if differs := any(abs(x - y) > size for x, y, size in steps):
+            last = point
+        kept += [k] if differs or least[k - 1] > 0 else []
     return kept
 
 
@@ -109,12 +120,22 @@ said = json.load(
 )
 claimed, stats = said["solution"]["lower_bound"], said["solution"]["stats"]
 proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.items()}
-points = exact(separate(said["problem"]["waypoints"]))
+points = said["problem"]["waypoints"]
+others = {key: x for key, x in said["problem"].items() if key not in PLAIN}
+if others.keys() - {"dwell", "least_times"}:
+    refuse(f"{', '.join(others)}: not all of these are known here")
+least = others.get("least_times", [NONE] * (len(points) - 1))  # of each segment
+waits = others.get("dwell", [NONE] * len(points))  # at each waypoint, at rest
+kept = separate(points, least)
+points = [points[k] for k in kept]
+least = [sum(least[i:k]) for i, k in pairwise(kept)]
+waits = [sum(waits[i:k]) for i, k in pairwise([*kept, len(waits)])]
+points = points if others else exact(points)
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
 tables = [("", said["problem"]["waypoints"]), *(("", sided(own)) for own in pairs)]
-others = sorted(limits.keys() - set(LIMITS))  # a bound without one of them is one with it
-if digest(tables + [(name, limits[name]) for name in others]) != said["problem"]["digest"]:
+others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
+if digest(tables + sorted(others.items())) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
 moving = [j for j in range(len(points[0])) if len({x[j] for x in points}) > 1]
 way = [[b[j] - a[j] for j in moving] for a, b in pairwise(points)]  # segment by segment
@@ -145,9 +166,10 @@ def farthest(time, j, sign):
 
 if not proof:
     total = [sum(x) for x in zip(*way, strict=True)]
-    alone = any(farthest(claimed, j, total[j] > 0) <= abs(total[j]) for j in range(N))
-    cruising = sum(max(abs(h) / V[j][h > 0] for j, h in enumerate(row)) for row in way)
-    holds = alone or claimed <= cruising
+    moved = claimed - sum(waits)
+    alone = any(farthest(moved, j, total[j] > 0) <= abs(total[j]) for j in range(N))
+    slowest = [max(abs(h) / V[j][h > 0] for j, h in enumerate(row)) for row in way]
+    holds = alone or moved <= sum(map(max, slowest, least))
     print(f"closed form: {float(claimed):.9f} s {'holds' if holds else 'does not hold'}")
     sys.exit(not holds)
 
@@ -197,12 +219,15 @@ def wall(k, j, side):  # farthest position in segment k from its start
 def root_box():
     low, high = [NONE] * before, [NONE] * before  # times, velocities, accelerations
     for k, row in enumerate(way):
-        low[k] = max(down(abs(h) / V[j][h > 0]) for j, h in enumerate(row))
+        low[k] = max(least[k] / unit, *(down(abs(h) / V[j][h > 0]) for j, h in enumerate(row)))
         high[k] = U
     for k, j in ((k, j) for k in range(K - 1) for j in range(N)):
         low[v + k * N + j], high[v + k * N + j] = -allowed(k + 1, j, 0), allowed(k + 1, j, 1)
         if j in jerky:
             low[a + k * N + j], high[a + k * N + j] = -A[j][0], A[j][1]
+        if waits[k + 1]:  # at rest
+            for x in (v + k * N + j, a + k * N + j):
+                low[x] = high[x] = NONE
     return low, high
 
 
@@ -414,6 +439,6 @@ for kind, x, at, count in proof["steps"]:
         boxes.append((low, lowered(high, x, max(largest, at) if at else largest)))
 if boxes:
     refuse("a branch without a leaf")
-proved = max(proved * unit, NONE)
+proved = max(proved * unit, NONE) + sum(waits)
 print(f"no motion is briefer than {float(proved):.9f} s; recorded: {float(claimed):.9f} s")
 sys.exit(proved < claimed)

@@ -25,7 +25,6 @@ from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.store.fields import FIELDS, Field
 from trajopt.benchmark.trial import Trial
 from trajopt.core.demand import DEMANDS
-from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 
 References = Callable[[Sequence[Trial]], Mapping[str, float]]
@@ -190,10 +189,9 @@ def _run(trial: Trial, verdict: Mapping[str, Any]) -> Group:
 
 def _uses(trial: Trial) -> Iterator[tuple[str, float, int, float]]:
     """Yield limit, largest value over it, joint from 1 (0: not one joint's), and time, s."""
-    uses = trial.certificate.uses if trial.certificate else {}
-    for key, use in uses.items():
-        if KINDS[key].is_ratio:
-            yield key, use.value, 0 if use.joint is None else use.joint + 1, use.time
+    ratios = trial.certificate.ratios if trial.certificate else {}
+    for key, use in ratios.items():
+        yield key, use.value, 0 if use.joint is None else use.joint + 1, use.time
 
 
 # --- names ---

@@ -53,6 +53,7 @@ _NAMES = [field.name for field in fields.OWN_FIELDS]
 _KEYS = ("schema", "sha256", "id", "problem", *_NAMES, "certificate", "solution")
 _VERDICT = ("duration", "dilation", "flaws")
 _ERRORS = ("waypoint", "continuity")
+_LEAST = "least_times"  # a use, of problems that ask for least times
 _HEAD = re.compile(
     rb'\{\n"schema": "trajopt-(?P<schema>\d{1,9})",\n'
     rb'"sha256": "(?P<sha256>[0-9a-f]{64})",\n'
@@ -216,6 +217,8 @@ def certificate_table(certificate: Certificate | None) -> Any:
     worst: dict[str, Any] = dict.fromkeys(LIMIT_NAMES)
     worst |= {key: use._asdict() for key, use in certificate.uses.items()}
     worst |= {name: asdict(getattr(certificate, name)) for name in _ERRORS}
+    if certificate.least_times is not None:
+        worst[_LEAST] = certificate.least_times._asdict()
     for own in worst.values():
         if own is not None and own["joint"] is not None:
             own["joint"] += 1
@@ -232,7 +235,7 @@ def certificate_of(table: Any, problem: Problem) -> Certificate | None:
     """
     if table is None:
         return None
-    check_table("certificate", table, (*_VERDICT, *_ERRORS, "tolerance"), KINDS)
+    check_table("certificate", table, (*_VERDICT, *_ERRORS, "tolerance"), (*KINDS, _LEAST))
     stated = unpack(table)
     flaws = stated["flaws"]
     if not isinstance(flaws, list) or not all(isinstance(flaw, str) for flaw in flaws):
@@ -245,6 +248,7 @@ def certificate_of(table: Any, problem: Problem) -> Certificate | None:
         uses=uses,
         flaws=tuple(flaws),
         tolerance=Tolerance(**stated["tolerance"]),
+        least_times=_use(_LEAST, stated[_LEAST], problem) if stated.get(_LEAST) else None,
         **errors,
     )
     numbers = (certificate.duration, certificate.dilation)

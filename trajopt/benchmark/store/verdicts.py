@@ -81,7 +81,7 @@ def changed(then: Trial, now: Trial) -> list[str]:
     values = [_worst_values(own.certificate) for own in (now, then)]
     for name in {**values[0], **values[1]}:
         new, old = (own.get(name) for own in values)
-        is_use = name in KINDS and KINDS[name].is_ratio
+        is_use = name == "least_times" or (name in KINDS and KINDS[name].is_ratio)
         rtol, atol = (CERTIFICATE_RTOL, 0.0) if is_use else (0.0, CERTIFICATE_ATOL)
         if not _close(new, old, rtol=rtol, atol=atol):
             found.append(_difference(f"certificate's {name}", new, old))
@@ -116,7 +116,8 @@ def _worst_values(certificate: Certificate | None) -> dict[str, float]:
     """The worst use of every limit, and the worst miss and jump, by name."""
     if certificate is None:
         return {}
-    values = {key: use.value for key, use in certificate.uses.items()}
+    uses = {**certificate.uses, **certificate.ratios}
+    values = {key: use.value for key, use in uses.items()}
     errors = {"waypoint": certificate.waypoint, "continuity": certificate.continuity}
     return values | {name: worst.value for name, worst in errors.items()}
 

@@ -278,7 +278,7 @@ def _judged(trial: Trial, planned: Trajectory, motion: OnCycle, samples: Samples
 
 def peak(certificate: Certificate, trial: Trial) -> str:
     """The highest use of a limit, in words."""
-    ratios = {key: use for key, use in certificate.uses.items() if KINDS[key].is_ratio}
+    ratios = {key: use for key, use in certificate.ratios.items() if key in KINDS}
     key, use = max(ratios.items(), key=lambda item: item[1].value)
     words = f"its peak is {use.value:.5f} of the {KINDS[key].name()} limit"
     return words if use.joint is None else f"{words} of {trial.problem.joint_labels[use.joint]}"

@@ -1,0 +1,259 @@
+"""The program of `exact.acceleration`, where a route asks for more than exact waypoints.
+
+Three demands have inequalities or unknowns of their own; without any of them `newton_step` solves
+the same program faster.
+
+- *Least times*: `log T ≥ log τ`, one inequality a segment.
+- *Tolerance*: the inner waypoints' offsets `p` are unknowns, `|p| ≤ r`. A cell's displacement grows
+  by the offset at its end less the one at its start, so in the cell's units its reach changes by
+  `(p' − p)/T²`. In the chain an offset takes the place of an acceleration.
+- *Closed motion*: the last waypoint's velocity is the first one's, one more unknown for each joint.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baselines.exact.acceleration.cells import (
+    SIDES,
+    AccelerationTables,
+    AccelerationUnknowns,
+    both_sides,
+)
+from baselines.exact.acceleration.newton_step import AccelerationInequalities
+from baselines.exact.method.chain import Chain, Links, at_ends
+from baselines.exact.method.interior_point import chosen, moved
+from trajopt.core.arrays import Array, Bools
+
+# Variables of a cell: logarithm of the time, velocity and offset at both ends, peak.
+_S, _X0, _P0, _X1, _P1, _PEAK = range(6)
+
+
+class DemandUnknowns(NamedTuple):
+    """The unknowns of every start, or a step of them.
+
+    Attributes:
+        log: logarithms of the segment times in stop times, `(starts, segments)`.
+        velocity: at the inner waypoints; of a closed motion at all but the first,
+            `(starts, waypoints, joints)`.
+        inner: of the cells, as `AccelerationUnknowns` has them.
+        offset: of the same waypoints, from their nominal positions, likewise.
+    """
+
+    log: Array
+    velocity: Array
+    inner: Array
+    offset: Array
+
+    @property
+    def ends(self) -> Array:
+        """Velocities at the start and at the end, from the mean one, in units of the time."""
+        return self.inner[0]
+
+    @property
+    def peaks(self) -> Array:
+        """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
+        return self.inner[1]
+
+
+class DemandTables(AccelerationTables):
+    """The constant tables of the program, with those of the demands."""
+
+    def __init__(self, scaled: Any, starts: int) -> None:
+        super().__init__(scaled, starts)
+        self.tolerant = bool(scaled.tolerance.any())
+        self.bounded = scaled.least > 0
+        # half widths of the boxes of the waypoints at each cell's end, 1 where they are exact
+        box = np.zeros(self.every)
+        box[:, : len(scaled.tolerance)] = scaled.tolerance
+        self.free = box > 0
+        self.box = np.where(self.free, box, 1.0)
+        self.free_before, _ = self.offsets(np.sign(box)[:, : len(scaled.tolerance)])
+
+    def of(self, starts: int) -> DemandTables:
+        return DemandTables(self.scaled, starts)
+
+    def offsets(self, offset: Array) -> Array:
+        """Offsets at the start and the end of each segment, 0 at the motion's ends."""
+        return at_ends(offset, closed=self.scaled.closed)
+
+    def start(self, times: Array, velocities: Array) -> Any:
+        """The start without demands, its waypoints in the middle of their boxes."""
+        point = super().start(np.maximum(times, self.scaled.least * (1 + 1e-3)), velocities)
+        return DemandUnknowns(*point, np.zeros_like(velocities))
+
+    def clipped(self, point: Any) -> Any:
+        """End velocities and peaks where an answer can have them.
+
+        They count from the mean velocity between the nominal waypoints; the bounds from the one
+        between the waypoints as they are.
+        """
+        if not isinstance(point, DemandUnknowns):
+            return super().clipped(point)
+        if not self.tolerant:
+            return DemandUnknowns(*super().clipped(AccelerationUnknowns(*point[:3])), point.offset)
+        t = (self.stop * np.exp(point.log))[..., None]
+        first, last = self.offsets(point.offset)
+        mean = (last - first) / t**2
+        shift = np.array([[mean, mean], mean * SIDES])
+        inner = np.clip(point.inner - shift, self.lowest, self.highest) + shift
+        return point._replace(inner=inner)
+
+
+class DemandInequalities(AccelerationInequalities):
+    """The rows of `newton_step.AccelerationInequalities`, and after them those of the demands.
+
+    A kind of row that a cell lacks is the constant 1 there.
+    """
+
+    cells: DemandTables
+    point: Any  # DemandUnknowns
+
+    def __init__(self, cells: DemandTables, point: Any) -> None:
+        super().__init__(cells, point)
+        one = np.ones_like(self.t)
+        added = []
+        if cells.tolerant:
+            offset = both_sides(cells.offsets(point.offset))
+            self.way = (offset[1] - offset[0]) / self.t**2
+            self.values[1] -= self.way
+            # (r − p) / r and (r + p) / r
+            added.append(np.where(cells.free, 1 - offset[1] / cells.box, 1.0))
+        if cells.bounded.any():
+            longer = np.log(self.times / np.where(cells.bounded, cells.scaled.least, 1.0))
+            least = np.array([one, one])
+            least[0, :, :, 0] = np.where(cells.bounded, longer, 1.0)
+            added.append(least)
+        self.values = np.concatenate([self.values, *[rows[None] for rows in added]])
+
+    def linear(self, multipliers: Array, weights: Array) -> Any:
+        return DemandLinearisation(self, multipliers, weights)
+
+    def of(self, some: Bools) -> DemandInequalities:
+        return DemandInequalities(self.cells.of(int(some.sum())), chosen(self.point, some))
+
+    def after(self, step: Any, length: Array) -> DemandInequalities:
+        return DemandInequalities(self.cells, self.cells.clipped(moved(self.point, step, length)))
+
+    @cached_property
+    def slopes(self) -> Array:
+        """Every row's gradient over the variables of its side of a cell.
+
+        `(6 variables, kinds, 2 sides, starts, segments, joints)`.
+        """
+        cells = self.cells
+        slopes = np.zeros((6, *self.values.shape))
+        slopes[_S, 0] = self.room_s
+        slopes[_PEAK, 0] = self.room_p
+        slopes[_X0, 1], slopes[_X1, 1] = self.reach_x
+        slopes[_PEAK, 1] = self.reach_p
+        if cells.tolerant:
+            slopes[_S, 1] = 2 * self.way
+            slopes[_P0, 1] = cells.free_before / self.t**2
+            slopes[_P1, 1] = -(cells.free / self.t**2)
+            slopes[_P1, 2] = -(cells.free / cells.box)
+        if cells.bounded.any():
+            slopes[_S, -1, 0, :, :, 0] = cells.bounded
+        return slopes
+
+
+class DemandLinearisation:
+    """The program near a point, its peaks eliminated as in `newton_step`.
+
+    Args:
+        rows: the program at the point.
+        multipliers: of the rows.
+        weights: `z / s` of each row, multiplier over slack.
+    """
+
+    def __init__(self, rows: DemandInequalities, multipliers: Array, weights: Array) -> None:
+        cells = rows.cells
+        slopes = rows.slopes
+        t = rows.t
+        room, reach = multipliers[:2]
+        steep = cells.h / t / t
+        # the Lagrangian's second derivatives, and each row's gradient squared times its weight
+        matrix = np.einsum("ik...,jk...->ij...", weights * slopes, slopes)
+
+        def add(i: int, j: int, values: Array) -> None:
+            matrix[i, j] += values
+            if i != j:
+                matrix[j, i] += values
+
+        for end, x in enumerate((_X0, _X1)):
+            curved = reach / cells.a[end]
+            pulled = reach * rows.reach_x[end]
+            add(x, x, curved)
+            add(x, _PEAK, -curved)
+            add(_PEAK, _PEAK, curved)
+            # x counts from the mean velocity, which changes with s
+            add(_S, _S, pulled * (steep + rows.x[end]))
+            add(_S, x, pulled)
+        add(_S, _S, room * rows.cruise)
+        add(_S, _PEAK, -room * rows.room_p)
+        if cells.tolerant:
+            add(_S, _S, 4 * reach * rows.way)
+            bent = 2 * reach / t**2
+            add(_S, _P0, cells.free_before * bent)
+            add(_S, _P1, -(cells.free * bent))
+        self.peak = matrix[_PEAK, _PEAK]
+        self.by_peak = matrix[:_PEAK, _PEAK] / self.peak
+        matrix = matrix[:_PEAK, :_PEAK] - matrix[:_PEAK, _PEAK][:, None] * self.by_peak
+        # the sum of both sides, seen from the upper one
+        signs = np.ones((_PEAK, 2, 1, 1, 1))
+        signs[1:, 1] = -1.0
+        self.signs = signs
+        summed = (matrix * signs[:, None] * signs).sum(axis=2)
+        self.used = [_S, _X0, _P0, _X1, _P1] if cells.tolerant else [_S, _X0, _X1]
+        if cells.tolerant:
+            # a waypoint that is exact stays where it is
+            summed[_P1, _P1] += ~cells.free
+        own = summed[np.ix_(self.used, self.used)].transpose(2, 3, 4, 0, 1)
+        links = Links(steep[0] - rows.point.ends, rows.missing)
+        self.rows = rows
+        self.chain = Chain(rows.times, links, np.ascontiguousarray(own), cells.scaled.closed)
+
+    def slope(self, multipliers: Array) -> Array:
+        """The largest entry of the Lagrangian's gradient, `(starts,)`."""
+        gradient = (self.rows.slopes * multipliers).sum(axis=1)
+        of_peaks = np.abs(gradient[_PEAK]).max(axis=(0, 2, 3))
+        by_cell = self._by_cell(gradient)
+        steepest = np.maximum(self.chain.steepest(by_cell), of_peaks)
+        cells = self.rows.cells
+        if not cells.tolerant:
+            return steepest
+        # an offset as large as its box
+        over = np.abs(self.chain.offsets(self.chain.gradient(by_cell)))
+        return np.maximum(steepest, (over * cells.box[:, : over.shape[1]]).max(axis=(1, 2)))
+
+    def step(self, aim: Array) -> tuple[DemandUnknowns, Array]:
+        """The Newton step to these multipliers, and by how much it changes every row."""
+        gradient = (self.rows.slopes * aim).sum(axis=1)
+        of_peaks = gradient[_PEAK] / self.peak
+        gradient[:_PEAK] -= self.by_peak * gradient[_PEAK]
+        solved = self.chain.step(self._by_cell(gradient))
+        # back: peaks from what they were eliminated by
+        own = np.zeros((_PEAK, *solved.cells.shape[:-1]))
+        own[self.used] = np.moveaxis(solved.cells, -1, 0)
+        sided = own[:, None] * self.signs
+        peaks = of_peaks - (self.by_peak * sided).sum(axis=0)
+        point = self.rows.point
+        offset = np.zeros_like(point.offset)
+        if self.rows.cells.tolerant:
+            offset = own[_P1][:, : offset.shape[1]]
+        step = DemandUnknowns(
+            solved.log, solved.velocity, np.array([own[[_X0, _X1]], peaks]), offset
+        )
+        everything = np.concatenate([sided, peaks[None]])
+        return step, (self.rows.slopes * everything[:, None]).sum(axis=0)
+
+    def bending(self, step: DemandUnknowns) -> None:
+        """Unknown: clipping mends what a step misses."""
+
+    def _by_cell(self, gradient: Array) -> Array:
+        """A gradient over the variables of both sides, over the cells' variables."""
+        summed = (gradient[:_PEAK] * self.signs).sum(axis=1)
+        return np.moveaxis(summed[self.used], 0, -1)
