@@ -55,6 +55,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"plot_",
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
+    "reset_modules": ("matplotlib", "generated.with_colours"),
     "show_memory": False,
     "min_reported_time": 3600,
 }

@@ -42,6 +42,7 @@ from trajopt.comparison import TIMEOUT
 from trajopt.core.arrays import Array
 from trajopt.planners.registry import configured, load, named
 from trajopt.views.analysis import searches, statistics
+from trajopt.views.figures.style import BLACK, SKY
 
 LIBRARIES = ("mealpy", "pymoo", "nevergrad")
 OWN = ("pso", "ssa", "issa", "cmaes", "de")
@@ -235,16 +236,16 @@ def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
     with mpl.rc_context({"font.size": 9}):
         drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
         axes = drawing.subplots()
-        for budget, own in tables.items():
+        for colour, (budget, own) in zip((SKY, BLACK), tables.items(), strict=False):
             ordered = own.sort_values("median gap")
             solved = ordered[np.isfinite(ordered["median gap"])]
             place = 100 * (np.arange(len(solved)) + 1) / len(ordered)
             percent = np.maximum(100 * solved["median gap"], 1e-4)
-            (curve,) = axes.plot(place, percent, label=f"{budget:,} evaluations")
+            axes.plot(place, percent, color=colour, label=f"{budget:,} evaluations")
             for name in OWN:
                 if name in solved.index:
                     at = solved.index.get_loc(name)
-                    axes.plot(place[at], percent.iloc[at], "o", color=curve.get_color(), ms=4)
+                    axes.plot(place[at], percent.iloc[at], "o", color=colour, ms=4)
                     below = (4, 5 if name == "de" else -10)  # beside cmaes
                     point = (place[at], percent.iloc[at])
                     axes.annotate(name, point, below, textcoords="offset points")

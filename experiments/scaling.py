@@ -27,7 +27,6 @@ from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify
 from trajopt.planners.registry import load
 from trajopt.views.figures import plots
-from trajopt.views.figures.style import CURVES, MARKERS
 
 JOINTS = 7
 # Waypoints.
@@ -95,12 +94,13 @@ def drawn(table: pd.DataFrame) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     by_planner = table.groupby("planner")
-    for (planner, own), colour, marker in zip(by_planner, CURVES, MARKERS, strict=False):
+    for planner, own in by_planner:
         own = own.sort_values("waypoints")
         x = own["waypoints"]
         power = slope(own)
         label = planner if np.isnan(power) else f"{planner}: slope {power:.2f}"
-        axes.plot(x, own["cpu s"], color=colour, marker=marker, label=label)
+        colour = plots.planner_look(planner)["color"]
+        axes.plot(x, own["cpu s"], color=colour, marker=plots.planner_mark(planner), label=label)
     axes.set_xlabel("waypoints")
     axes.set_ylabel("CPU time, s")
     figure.legend(loc="outside upper left")

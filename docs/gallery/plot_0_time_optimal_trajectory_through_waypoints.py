@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from trajopt import Limits, Problem, plan
+from trajopt.views.figures.plots import planner_look
 
 problem = Problem(
     waypoints=[[0.0, 0.0], [0.5, -0.2], [0.9, 0.3], [1.2, 0.0]],  # rad, a row per waypoint
@@ -27,8 +28,9 @@ print(f"through the waypoints {fastest.duration:.3f} s, stopping {stopping.durat
 # ``trajopt.write("motion.yaml", ...)`` makes a ROS message of it.
 
 figure, axes = plt.subplots(2, 1, figsize=(7, 4.5), sharex=True, layout="constrained")
-shown = {"minimum time": (fastest, "#0072B2"), "Ruckig, stopping": (stopping, "#E69F00")}
-for name, (motion, colour) in shown.items():
+shown = {"exact-jerk": ("minimum time", fastest), "ruckig-stop": ("Ruckig, stopping", stopping)}
+for planner, (name, motion) in shown.items():
+    colour = planner_look(planner)["color"]
     times = np.linspace(0, motion.duration, 800)
     axes[0].plot(times, motion(times)[:, 1], color=colour, label=f"{name}, {motion.duration:.2f} s")
     axes[0].plot(

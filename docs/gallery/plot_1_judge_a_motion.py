@@ -34,7 +34,7 @@ print(f"gap       {100 * judgement.gap:.1f} %")
 
 times = np.linspace(0, motion.x[-1], 400)
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-for joint, colour in enumerate(("tab:blue", "tab:orange")):
+for joint, colour in enumerate(("#0072B2", "#D55E00")):
     axes.plot(times, motion(times, 2)[:, joint], color=colour, label=f"joint {joint + 1}")
     for side in (0, 1):
         limit = problem.limits.acceleration[joint, side]

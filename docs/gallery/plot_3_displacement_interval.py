@@ -26,7 +26,7 @@ def profile(sign):
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 ends = []
-for sign, colour in ((1, "tab:red"), (-1, "tab:blue")):
+for sign, colour in ((1, "#D55E00"), (-1, "#0072B2")):
     times, velocities = profile(sign)
     ends.append(trapezoid(velocities, times))
     axes.plot(times, velocities, color=colour, label=f"displacement {ends[-1]:+.3f} rad")

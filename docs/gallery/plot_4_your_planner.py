@@ -14,6 +14,7 @@ from matplotlib import pyplot as plt
 from scipy.interpolate import CubicSpline
 
 from trajopt import Planner, Solution, Status, Trajectory, compare
+from trajopt.views.figures.plots import planner_look
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,9 @@ print(table.to_string(index=False, float_format="%.4f"))
 # The same as a picture: certified durations relative to the optimum.
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-wide = table.pivot(index="problem", columns="label", values="gap")
-wide.drop(columns="exact").mul(100).plot.barh(ax=axes)
+wide = table.pivot(index="problem", columns="label", values="gap").drop(columns="exact")
+colours = [planner_look(name, wide.columns)["color"] for name in wide.columns]
+wide.mul(100).plot.barh(ax=axes, color=colours)
 axes.set_xlabel("gap to the optimum [%]")
 axes.set_ylabel("")
 plt.show()

@@ -18,6 +18,7 @@ from toppra.algorithm import TOPPRA
 from trajopt import Planner, Solution, Status, Trajectory, verify
 from trajopt.benchmark.suites import catalogue
 from trajopt.planners.registry import load
+from trajopt.views.figures.plots import planner_look
 
 toppra.setup_logging("WARNING")
 
@@ -64,10 +65,10 @@ print(f"optimum                  {optimum.duration:.4f} s")
 # TOPP-RA is optimal along its path. The rest of the gap belongs to the path.
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-for name, shown in (("TOPP-RA", motion), ("optimum", optimum)):
+for name, planner, shown in (("TOPP-RA", "toppra", motion), ("optimum", "exact", optimum)):
     times = np.linspace(0, shown.duration, 500)
     positions = shown(times)
-    axes.plot(positions[:, 1], positions[:, 4], label=name)
+    axes.plot(positions[:, 1], positions[:, 4], **planner_look(planner) | {"label": name})
 axes.plot(*problem.waypoints[:, [1, 4]].T, "ko", label="waypoints")
 axes.set_xlabel("joint 2 [rad]")
 axes.set_ylabel("joint 5 [rad]")

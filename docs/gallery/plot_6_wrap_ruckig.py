@@ -15,6 +15,7 @@ from matplotlib import pyplot as plt
 from trajopt import Planner, Solution, Status, Trajectory, verify
 from trajopt.benchmark.suites import catalogue
 from trajopt.planners.registry import load
+from trajopt.views.figures.plots import planner_look
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,12 @@ print(f"optimum   {optimum.duration:.4f} s")
 # to be a fifth slower.
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-for name, shown in (("stopping", motion), ("optimum", optimum)):
+for name, planner, shown in (
+    ("stopping", "ruckig-stop", motion),
+    ("optimum", "exact-jerk", optimum),
+):
     times = np.linspace(0, shown.duration, 800)
-    axes.plot(times, shown(times, 1)[:, 0], label=name)
+    axes.plot(times, shown(times, 1)[:, 0], **planner_look(planner) | {"label": name})
 axes.set_xlabel("time [s]")
 axes.set_ylabel("velocity of joint 1 [rad/s]")
 axes.legend()

@@ -28,7 +28,7 @@ for panel, (title, steps) in zip(axes, explanation.steps().items(), strict=True)
     durations = [duration for _, duration in steps]
     starts = [0.0, *durations[:-1]]
     lengths = [end - start for start, end in zip(starts, durations, strict=True)]
-    panel.barh(names, lengths, left=starts)
+    panel.barh(names, lengths, left=starts, color="#8C8C8C")
     panel.set_title(title, fontsize="medium")
 axes[-1].set_xlabel("duration [s]")
 plt.show()

@@ -12,17 +12,17 @@ from matplotlib import pyplot as plt
 
 from trajopt import Limits, Problem
 from trajopt.planners.registry import load
+from trajopt.views.figures.plots import planner_look
 
 problem = Problem([[0.0], [0.2], [0.8], [1.0]], Limits([2.0], [4.0]), name="one joint")
-motions = {
-    "3-5-3": load("spline353-nlp").solve(problem).trajectory,
-    "optimum": load("exact").solve(problem).trajectory,
-}
+motions = {name: load(name).solve(problem).trajectory for name in ("spline353-nlp", "exact")}
+names = {"spline353-nlp": "3-5-3", "exact": "optimum"}
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-for (name, motion), colour in zip(motions.items(), ("#D55E00", "#0072B2"), strict=True):
+for planner, motion in motions.items():
     times = np.linspace(0, motion.duration, 1000)
-    axes.plot(times, motion(times, 2)[:, 0], color=colour, label=f"{name}, {motion.duration:.3f} s")
+    label = f"{names[planner]}, {motion.duration:.3f} s"
+    axes.plot(times, motion(times, 2)[:, 0], **planner_look(planner) | {"label": label})
 for limit in problem.limits.acceleration[0]:
     axes.axhline(limit, color="0.5", linestyle="--", linewidth=0.8)
 axes.set_xlabel("time (s)")

@@ -78,7 +78,7 @@ def _row_of_all(axes: Axes, row: int, problem: JudgedProblem) -> None:
         marker="|",
         ms=10,
         mew=2,
-        color=style.VERMILION,
+        color=style.ORANGE,
         zorder=2.5,
         label="stopping at every waypoint",
     )

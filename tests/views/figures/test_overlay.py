@@ -7,8 +7,9 @@ import pytest
 
 from trajopt import Limits, Problem
 from trajopt.planners.registry import load
-from trajopt.views.figures import overlay
+from trajopt.views.figures import overlay, plots
 from trajopt.views.figures.style import CURVES, KNOWN, places
+from trajopt.views.report import content
 
 PROBLEM = Problem([[0.0, 0.0], [0.2, 1.0], [0.3, 2.0]], Limits([1.0, 1.0], [2.0, 2.0]), "two")
 
@@ -52,6 +53,21 @@ def test_a_planner_of_the_toolkit_has_one_look_in_every_comparison():
         assert places(order)["toppra"] == KNOWN.index("toppra")
     many = [*KNOWN, *(f"mine-{i}" for i in range(8))]
     assert sorted(places(many).values()) == list(range(len(many)))
+
+
+def test_a_planner_keeps_its_look_with_options_and_in_the_report():
+    assert places(["pso:iterations=60", "mine"]) == {
+        "pso:iterations=60": KNOWN.index("pso"),
+        "mine": 0,
+    }
+    both = places(["pso:iterations=60", "pso", "exact"])
+    assert both == {"pso": KNOWN.index("pso"), "exact": 0, "pso:iterations=60": 1}
+    for label in KNOWN:
+        on_page = content.look(places([label])[label])
+        assert on_page["colour"] == plots.planner_look(label)["color"]
+        assert content.SYMBOLS[plots.planner_mark(label)] == (on_page["symbol"], on_page["mark"])
+    looks = {(plots.planner_look(label)["color"], plots.planner_mark(label)) for label in KNOWN}
+    assert len(looks) == len(KNOWN)
 
 
 def luminance(colour):

@@ -67,7 +67,7 @@ def test_an_overlap_would_be_seen():
 
 def test_dots_are_the_medians_the_shortest_first():
     axes = plots.durations(table(), "t").axes[0]
-    dots = [dot.get_xydata().tolist() for dot in axes.lines]
+    dots = [dot.get_xydata().tolist() for dot in axes.lines if len(dot.get_xydata())]
     assert sorted(dots) == [[[1.5, 0]], [[4.5, 1]]]
     labels = []
     for label in axes.get_yticklabels():

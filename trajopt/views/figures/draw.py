@@ -149,13 +149,14 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
         title = headline(name, f", {which}")
         panels.append((title, own))
     if panels:
-        climb = explanation.waterfalls(panels)
+        climb = explanation.waterfalls(panels, planner=trial.label)
         files += plots.save(climb, folder / f"{stem}-waterfall")
     use = explanation.limit_use(
         trial.problem,
         found.trajectory,
         found.optimum,
         headline(name, f", {found.certified_duration:#.4g} s"),
+        trial.label,
     )
     files += plots.save(use, folder / f"{stem}-limit-use")
     return files

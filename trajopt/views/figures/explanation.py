@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.views.figures.plots import Look, Picture, styled
+from trajopt.views.figures.plots import Look, Picture, planner_look, styled
 from trajopt.views.figures.style import BLACK, BLUE, GREY, VERMILION, text
 
 Steps = Sequence[tuple[str, float]]  # the names of steps, and the duration after each, s
@@ -25,8 +25,14 @@ _LONG_DASHES = (0, (4, 1.5))
 
 
 @styled
-def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
-    """One waterfall per `(title, steps)`, from the optimum up to a planner's duration (s)."""
+def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2, planner: str = "") -> Figure:
+    """One waterfall per `(title, steps)`, from the optimum up to a planner's duration (s).
+
+    Args:
+        panels: What is drawn.
+        columns: Panels side by side.
+        planner: Label of the planner, whose bar has its colour.
+    """
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     width = 3.5 * columns
@@ -35,7 +41,7 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
     panes = figure.subplots(rows, columns, squeeze=False, sharey="row")
     grid = panes.ravel()
     for axes, (title, steps) in zip(grid, panels, strict=False):
-        _waterfall(axes, steps)
+        _waterfall(axes, steps, _colour(planner))
         axes.set_title(text(title), wrap=True)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
@@ -44,7 +50,12 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
     return figure
 
 
-def _waterfall(axes: Axes, steps: Steps) -> None:
+def _colour(planner: str) -> str:
+    """Return a planner's colour in every figure; without a label that of a motion."""
+    return str(planner_look(planner)["color"]) if planner else VERMILION
+
+
+def _waterfall(axes: Axes, steps: Steps, colour: str) -> None:
     """A bar up from the end of the one before for every step, and a whole one for the planner."""
     added = len(steps) - 1
     ends = np.array([end for _, end in steps])
@@ -52,10 +63,10 @@ def _waterfall(axes: Axes, steps: Steps) -> None:
     heights = ends - starts
     x = np.arange(len(steps))
     planner = len(steps)
-    colours = [GREY, *[VERMILION] * added]
+    colours = [BLUE, *[GREY] * added]
     bar: Look = {"width": _BAR_WIDTH, "ec": BLACK, "lw": 0.6}
     axes.bar(x, heights, bottom=starts, color=colours, **bar)
-    axes.bar(planner, ends[-1], color=BLUE, **bar)
+    axes.bar(planner, ends[-1], color=colour, **bar)
     half = _BAR_WIDTH / 2
     axes.hlines(ends, x + half, x + 1 - half, color=BLACK, lw=0.6, ls=_SHORT_DASHES)
     _numbers(axes, ends)
@@ -90,12 +101,23 @@ def _numbers(axes: Axes, ends: Array) -> None:
 
 @styled
 def limit_use(
-    problem: Problem, trajectory: Trajectory, optimum: Trajectory | None = None, title: str = ""
+    problem: Problem,
+    trajectory: Trajectory,
+    optimum: Trajectory | None = None,
+    title: str = "",
+    planner: str = "",
 ) -> Figure:
     """The use of each limit of each moving joint, against time.
 
     On top the highest use of any limit: where it is below 1, time is wasted. The optimum, if given,
     is drawn beneath on the same time axis.
+
+    Args:
+        problem: Has the limits.
+        trajectory: The motion.
+        optimum: Beside which it is drawn.
+        title: Over the figure.
+        planner: Label of the motion's planner, whose colour it has.
     """
     shown = {"planner": trajectory}
     if optimum:
@@ -108,7 +130,7 @@ def limit_use(
     figure = Picture(figsize=(7.0, height), layout="constrained")
     top, *maps = figure.subplots(len(heights), sharex=True, height_ratios=heights)
     end = max(own.duration for own in shown.values())
-    _highest(top, problem, trajectory, optimum)
+    _highest(top, problem, trajectory, optimum, _colour(planner))
     top.set_title(text(title), loc="left", wrap=True)
     top.set_xlim(0, end)
     top.set_ylim(0, 1.05)
@@ -123,15 +145,19 @@ def limit_use(
 
 
 def _highest(
-    axes: Axes, problem: Problem, trajectory: Trajectory, optimum: Trajectory | None
+    axes: Axes,
+    problem: Problem,
+    trajectory: Trajectory,
+    optimum: Trajectory | None,
+    colour: str,
 ) -> None:
     """The highest use of any limit against time, filled; that of the optimum dashed."""
     t, use = highest_use(problem, trajectory)
-    axes.fill_between(t, use, color=BLUE, alpha=0.35, lw=0)
-    axes.plot(t, use, color=BLUE, lw=0.9, label="planner")
+    axes.fill_between(t, use, color=colour, alpha=0.35, lw=0)
+    axes.plot(t, use, color=colour, lw=0.9, label="planner")
     if optimum:
         t, use = highest_use(problem, optimum)
-        axes.plot(t, use, color=VERMILION, ls=_LONG_DASHES, lw=1.0, label="optimum")
+        axes.plot(t, use, color=BLUE, ls=_LONG_DASHES, lw=1.0, label="optimum")
     axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from trajopt.benchmark.front import Beside, Front
-from trajopt.views.figures.plots import Picture, styled, wrapped
-from trajopt.views.figures.style import BLACK, CURVES, GREY, MARKERS, plain, power_of_ten, text
+from trajopt.views.figures.plots import Picture, planner_look, planner_mark, styled, wrapped
+from trajopt.views.figures.style import BLACK, GREY, plain, power_of_ten, text
 
 _WIDTH_IN = 3.5
 _PANEL_IN = 2.5
@@ -58,13 +58,14 @@ def _motions(axes: Axes, beside: Sequence[Beside]) -> None:
     jumps = any(not np.isfinite(own.value) for own in beside)
     edge = 4 * high if jumps else high
     axes.set_ylim(low, edge * (1.6 if jumps else 1.0))
-    for place, own in enumerate(beside):
+    order = sorted(own.label for own in beside)
+    for own in beside:
         jumping = not np.isfinite(own.value)
         axes.plot(
             [own.duration],
             [edge if jumping else own.value],
-            color=CURVES[place % len(CURVES)],
-            marker=MARKERS[place % len(MARKERS)],
+            color=planner_look(own.label, order)["color"],
+            marker=planner_mark(own.label, order),
             markerfacecolor="white" if jumping else None,
             ls="",
             label=wrapped(own.label) + (": jumps" if jumping else ""),

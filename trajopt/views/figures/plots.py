@@ -158,24 +158,29 @@ def _row_label(row: Line) -> str:
     return label
 
 
+_SPREAD = "median, quartiles and range of several runs"
+
+
 def _dots(axes: Axes, rows: Sequence[Line]) -> None:
     """Stems and medians; of several runs also quartiles and range."""
     medians = [row.median for row in rows]
     axes.hlines(range(len(rows)), 0, medians, color="0.85", lw=1.0, zorder=1)
-    once = [y for y, row in enumerate(rows) if row.runs == 1]
-    often = [y for y, row in enumerate(rows) if row.runs > 1]
-    for y in often:
-        row = rows[y]
-        axes.hlines(y, row.min, row.max, color=BLUE, lw=0.9, zorder=2)
-        axes.hlines(y, row.q1, row.q3, color=BLUE, lw=3.5, zorder=2)
-    mark: Look = {"ms": 4.5, "mec": BLUE}
-    if once:
-        x = [medians[y] for y in once]
-        axes.plot(x, once, "o", mfc=BLUE, label="one run", **mark)
-    if often:
-        x = [medians[y] for y in often]
-        spread = "median, quartiles and range of several runs"
-        axes.plot(x, often, "D", mfc="white", label=spread, **mark)
+    order = sorted(row.label for row in rows)
+    for y, row in enumerate(rows):
+        colour = planner_look(row.label, order)["color"]
+        several = row.runs > 1
+        if several:
+            axes.hlines(y, row.min, row.max, color=colour, lw=0.9, zorder=2)
+            axes.hlines(y, row.q1, row.q3, color=colour, lw=3.5, zorder=2)
+        axes.plot(row.median, y, planner_mark(row.label, order), **_dot(colour, several))
+    for said, several in (("one run", False), (_SPREAD, True)):
+        if any((row.runs > 1) is several for row in rows):
+            axes.plot([], [], "o", label=said, **_dot(BLACK, several))
+
+
+def _dot(colour: str, several: bool) -> Look:
+    """Return the look of a median: hollow where it is of several runs."""
+    return {"ms": 4.5, "mec": colour, "mfc": "white" if several else colour}
 
 
 def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
@@ -265,9 +270,14 @@ def convergence(
     return figure
 
 
-def planner_look(label: str, order: Sequence[str]) -> Look:
-    """Colour and dashes of a planner, the same in every figure of a comparison."""
-    place = places(order)[label]
+def planner_look(label: str, order: Sequence[str] = ()) -> Look:
+    """Colour and dashes of a planner, the same in every figure.
+
+    Args:
+        label: The planner, with its options.
+        order: All planners of the comparison, which tells planners that are not of this toolkit.
+    """
+    place = places([*order, label])[label]
     return {
         "label": wrapped(label),
         "color": CURVES[place % len(CURVES)],
@@ -275,9 +285,9 @@ def planner_look(label: str, order: Sequence[str]) -> Look:
     }
 
 
-def planner_mark(label: str, order: Sequence[str]) -> str:
-    """Mark of a planner, the same in every figure of a comparison."""
-    return MARKERS[places(order)[label] % len(MARKERS)]
+def planner_mark(label: str, order: Sequence[str] = ()) -> str:
+    """Mark of a planner, the same in every figure; arguments as of `planner_look`."""
+    return MARKERS[places([*order, label])[label] % len(MARKERS)]
 
 
 def band(axes: Axes, spent: Array, quartiles: Array, shade: float, look: Look) -> None:

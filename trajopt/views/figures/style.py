@@ -28,8 +28,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
 # Planners with a look of their own, by its place.
 KNOWN = (
-    *("exact", "issa", "toppra", "ruckig-stop", "pso", "unoptimised", "ssa"),
-    *("spline353-nlp", "ruckig-search", "exact-jerk", "collocation", "prove", "cmaes", "de"),
+    *("exact", "issa", "toppra", "ruckig-stop", "pso", "spline353-nlp", "ssa"),
+    *("unoptimised", "ruckig-search", "exact-jerk", "collocation", "prove", "cmaes", "de"),
     *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg"),
 )
 
@@ -75,9 +75,17 @@ STYLE_SHEET: dict[Any, Any] = {
 
 
 def places(labels: Iterable[str]) -> dict[str, int]:
-    """Return the place of each planner's look: its own, or the next one that nobody here has."""
-    order = list(labels)
-    taken = {label: KNOWN.index(label) for label in order if label in KNOWN}
+    """Return the place of each planner's look.
+
+    A planner of this toolkit has its own, also with options; where two labels are of one planner,
+    the one with fewer options has it. Other labels get the next place that nobody here has.
+    """
+    order = list(dict.fromkeys(labels))
+    taken: dict[str, int] = {}
+    for label in sorted(order, key=len):
+        name = label.partition(":")[0]
+        if name in KNOWN and KNOWN.index(name) not in taken.values():
+            taken[label] = KNOWN.index(name)
     used = set(taken.values())
     free = (place for place in count() if place not in used)
     return {label: taken[label] if label in taken else next(free) for label in order}

@@ -20,19 +20,21 @@ from trajopt.views.analysis import statistics
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
-from trajopt.views.figures.style import BLACK, CURVES, places
+from trajopt.views.figures.style import BLACK, CURVES, MARKERS, places
 from trajopt.views.report import lines, origin, verdict
 
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
-SYMBOLS = {  # Plotly's names, and the same as paths around (15, 5)
-    "circle": "M11.5 5a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0z",
-    "square": "M12 2h6v6h-6z",
-    "triangle-up": "M15 1l4 7h-8z",
-    "diamond": "M15 .5l4.5 4.5l-4.5 4.5l-4.5-4.5z",
-    "triangle-down": "M15 9l4-7h-8z",
-    "cross": "M14 1h2v3h3v2h-3v3h-2v-3h-3v-2h3z",
-    "x": "M12 1l3 3l3-3l1.2 1.2l-3 3l3 3l-1.2 1.2l-3-3l-3 3l-1.2-1.2l3-3l-3-3z",
+SYMBOLS = {  # of each mark in figures Plotly's name, and a path around (15, 5)
+    "o": ("circle", "M11.5 5a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0z"),
+    "s": ("square", "M12 2h6v6h-6z"),
+    "^": ("triangle-up", "M15 1l4 7h-8z"),
+    "D": ("diamond", "M15 .5l4.5 4.5l-4.5 4.5l-4.5-4.5z"),
+    "v": ("triangle-down", "M15 9l4-7h-8z"),
+    "P": ("cross", "M14 1h2v3h3v2h-3v3h-2v-3h-3v-2h3z"),
+    "X": ("x", "M12 1l3 3l3-3l1.2 1.2l-3 3l3 3l-1.2 1.2l-3-3l-3 3l-1.2-1.2l3-3l-3-3z"),
+    "<": ("triangle-left", "M11 5l7-4v8z"),
+    ">": ("triangle-right", "M19 5l-7-4v8z"),
 }
 TRIAL_COLUMNS = (
     "id",
@@ -249,15 +251,14 @@ def page(results: Tables) -> Page:
 
 def look(index: int) -> dict[str, str]:
     """Colour, dashes and marker of the planner at a place: the same everywhere in the page."""
-    names = list(SYMBOLS)
-    symbol = names[(index + index // len(names)) % len(names)]
+    symbol, mark = SYMBOLS[MARKERS[index % len(MARKERS)]]
     colour = CURVES[index % len(CURVES)]
     return {
         "colour": colour,
         "ink": "currentColor" if colour == BLACK else colour,  # white where the page is dark
         "dash": DASHES[index % len(DASHES)],
         "symbol": symbol,
-        "mark": SYMBOLS[symbol],
+        "mark": mark,
     }
 
 
