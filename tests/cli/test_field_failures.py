@@ -184,6 +184,50 @@ def test_digits_of_a_log_are_not_taken_for_motion(run, rate, unit, decimals, raw
     assert found["velocity"]["uses"] == pytest.approx(0.46875, rel=0.01)
 
 
+def with_velocities(v_decimals, filtered=0.0):
+    """The same motion at 125 Hz, in four decimals, with velocities, perhaps late by seconds."""
+    times = np.arange(251) / 125
+    q, _ = quintic(times)
+    _, v = quintic(np.append(np.clip(times - filtered, 0, 2), 2.0))
+    rows = [
+        f"{t!r},{a:.4f},{-a / 2:.4f},{b:.{v_decimals}f},{-b / 2:.{v_decimals}f}"
+        for t, a, b in zip(times.tolist(), q, v[:-1], strict=True)
+    ]
+    return "time [s],q1 [rad],q2 [rad],q1 [rad/s],q2 [rad/s]\n" + "\n".join(rows)
+
+
+def test_a_log_with_velocities_is_told_by_both(run):
+    line = "verify m.csv --limits l.yaml --json"
+    own = "{max_velocity: 2, max_acceleration: 4}"
+    limits = f"joint_limits: {{q1: {own}, q2: {own}}}"
+    code, out, _ = run(line, m__csv=with_velocities(4), l__yaml=limits)
+    found = json.loads(out)["evidence"]
+    assert (code, found["verdict"], found["by_positions"]) == (0, "kept", None)
+    # The acceleration of the quintic is 10/√3 h / T² = 0.3608 of 4; cubic pieces have 2.6375.
+    assert 0.35 < found["acceleration"]["at_least"] <= 10 / np.sqrt(3) / 4 / 4 * (1 + 1e-6)
+    assert found["acceleration"]["uses"] < 0.4
+    code, out, _ = run(f"{line} --interpolation cubic")
+    assert json.loads(out)["certificate"]["acceleration"]["ratio"] == pytest.approx(2.6375)
+    code, out, _ = run(f"{line} --interpolation spline")
+    alone = json.loads(out)["evidence"]["acceleration"]
+    assert alone["at_least"] < found["acceleration"]["at_least"] < alone["uses"]
+
+
+def test_velocities_that_are_not_those_of_the_positions_are_said_to_be_the_proof(run):
+    own = "{max_velocity: 2, max_acceleration: 4}"
+    limits = f"joint_limits: {{q1: {own}, q2: {own}}}"
+    files = {"m__csv": with_velocities(4, filtered=0.02), "l__yaml": limits}
+    code, out, _ = run("verify m.csv --limits l.yaml", **files)
+    text = " ".join(out.split())
+    assert code == 1
+    assert "The velocities are part of the proof: by the positions alone the verdict is " in text
+    assert "'kept'" in text
+    assert "--interpolation spline leaves them out" in text
+    assert run("verify m.csv --limits l.yaml --interpolation spline")[0] == 0
+    code, out, _ = run("verify m.csv --limits l.yaml --noise 0.00005")
+    assert (code, "The velocities are left out: their noise is not known." in out) == (0, True)
+
+
 # --- FT4-08: a jump that the next limit bridges in a microsecond hides nothing ---
 
 

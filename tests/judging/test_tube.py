@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 from trajopt.core.limits import Limits
 from trajopt.judging.evidence import Log, evidence, passing
 from trajopt.judging.tube import slope, tube
-from trajopt.judging.tube_proof import proved
+from trajopt.judging.tube_proof import NO_READINGS, Readings, proved
 
 FREE = (-np.inf, np.inf)
 LIMITS = [(-2.0, 2.0), (-10.0, 10.0), (-100.0, 100.0)]
@@ -58,13 +58,16 @@ def test_the_least_acceleration_through_a_tube_is_that_of_the_bang_bang_motion()
     assert found.high == pytest.approx(1, abs=1e-3)
 
 
+@pytest.mark.parametrize("known", [False, True], ids=["positions", "velocities"])
 @pytest.mark.parametrize("seed", range(4))
-def test_the_program_has_the_optimum_that_highs_finds(seed):
+def test_the_program_has_the_optimum_that_highs_finds(seed, known):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.8, 1.2, 25)) * 0.02
     q = np.cumsum(rng.normal(0, 1e-3, 25))
     half = np.full(25, 1e-4)
-    found = tube(t, q, half, LIMITS, rounds=1)
+    v, loose = np.gradient(q, t), np.full(25, 0.02)
+    readings = Readings(t, v, loose) if known else NO_READINGS
+    found = tube(t, q, half, LIMITS, rounds=1, readings=readings)
     knots = found.knots
     size = len(knots) - 4
     passing = BSpline.design_matrix(t, knots, 3).toarray()
@@ -72,6 +75,10 @@ def test_the_program_has_the_optimum_that_highs_finds(seed):
     for sign in (1, -1):
         rows.append(np.hstack([sign * passing, np.zeros((25, 1))]))
         right.append(half + sign * q)
+        if known:
+            rates = [BSpline(knots, row, 3)(t, nu=1) for row in np.eye(size)]
+            rows.append(np.column_stack([sign * np.array(rates).T, np.zeros(25)]))
+            right.append(loose + sign * v)
     for order, (_, high) in enumerate(LIMITS, start=1):
         level = np.array(
             [BSpline(knots, row, 3).derivative(order).c[: size - order] for row in np.eye(size)]
@@ -94,12 +101,15 @@ def test_no_numbers_prove_more_than_a_motion_uses(seed):
     rng = np.random.default_rng(seed)
     t, q = quintic(0.7, 60)
     true = max(1.875 * 0.7 / 2, 10 / np.sqrt(3) * 0.7 / 10, 60 * 0.7 / 100)
-    proof = tube(t, *rounded(q, 4), LIMITS).proof
+    v = 0.7 * (30 * t**2 - 60 * t**3 + 30 * t**4)
+    readings = Readings(t, *rounded(v, 4)) if seed % 2 else NO_READINGS
+    proof = tube(t, *rounded(q, 4), LIMITS, readings=readings).proof
     noise = rng.normal(0, 10.0 ** rng.uniform(-6, 1), len(proof.multipliers))
     forged = replace(
         proof,
         multipliers=proof.multipliers * (1 + noise) * 10.0 ** rng.uniform(-3, 3),
-        derivatives=[(x, rng.normal(0, 1, len(x)) * np.abs(v)) for x, v in proof.derivatives],
+        derivatives=[(x, rng.normal(0, 1, len(x)) * np.abs(mu)) for x, mu in proof.derivatives],
+        of_readings=proof.of_readings * (1 + rng.normal(0, 0.1, len(proof.of_readings))),
     )
     assert proved(forged) <= true
     assert proved(replace(proof, limits=[FREE, *LIMITS[1:]])) <= true
@@ -121,6 +131,37 @@ def test_the_least_velocity_is_that_of_the_steepest_pair_of_samples(limit):
     share, start, end = slope(t, q, half, limit)
     assert share == pytest.approx(best)
     assert start < end
+
+
+def velocity(h, count=501):
+    t = np.linspace(0, 1, count)
+    return h * (30 * t**2 - 60 * t**3 + 30 * t**4)
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 5])
+def test_velocities_tell_far_more_of_the_acceleration_than_positions(decimals):
+    t, q = quintic(0.6, 101)
+    alone = tube(t, *rounded(q, decimals), [FREE, (-10.0, 10.0)])
+    found = tube(
+        t,
+        *rounded(q, decimals),
+        [FREE, (-10.0, 10.0)],
+        readings=Readings(t, *rounded(velocity(0.6, 101), decimals)),
+    )
+    used = 10 / np.sqrt(3) * 0.6 / 10
+    assert alone.low <= found.low <= used * (1 + 1e-9)
+    assert used - found.low < (used - alone.low) / 3
+    read = found.spline()(t, nu=1)
+    assert np.abs(read - velocity(0.6, 101)).max() <= 10.0**-decimals
+
+
+def test_a_motion_that_does_not_rest_where_a_velocity_was_read_is_not_at_rest():
+    t, q = quintic(0.6)
+    part = slice(100, 400)
+    readings = Readings(t[part], *rounded(velocity(0.6)[part], 4))
+    resting = tube(t[part], *rounded(q[part], 2), LIMITS, rest=True, readings=readings)
+    assert resting.high == np.inf
+    assert tube(t[part], *rounded(q[part], 2), LIMITS, readings=readings).high < 1
 
 
 # --- several joints: the verdict ---
@@ -237,3 +278,60 @@ def test_samples_of_any_size_get_an_answer(length, size, limit):
     if found.verdict == "broken":
         assert found.conviction.at_least > 1
         assert found.conviction.at_least <= 2 * size / (t[1] * limit) * 1e30
+
+
+# --- velocities, position limits between samples, velocities that positions bound ---
+
+
+def test_what_only_the_velocities_show_is_proved_and_said_to_be_theirs():
+    """At 100 Hz and three decimals: 1.3 times the acceleration limit for 40 ms."""
+    t = np.arange(0, 1.0001, 0.01)
+    a = np.where((t >= 0.48) & (t < 0.52), 13.0, np.where(t < 0.6, 2.0, -2.0))
+    v = np.concatenate([[0.0], np.cumsum(a[:-1]) * 0.01])
+    q = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2) * 0.01])
+    own = log([q], 3, 0.01, velocities=np.round(v, 3)[:, None])
+    own = replace(own, velocity_half_digits=np.full((len(t), 1), 5e-4))
+    limits = Limits([4], [10])
+    found = evidence(own, limits)
+    assert (found.verdict, found.by_positions) == ("broken", "cannot be told")
+    assert found.conviction.limit == "acceleration"
+    assert 1.2 < found.conviction.at_least <= 1.3
+    assert found.as_dict()["by_positions"] == "cannot be told"
+    lawful = evidence(own, Limits([4], [13.001]))
+    assert (lawful.verdict, lawful.by_positions) == ("kept", None)
+    assert np.abs(lawful.motion(t, 1)[:, 0] - v).max() <= 1e-3
+    assert evidence(own, limits, noise=1e-4).verdict == "cannot be told"  # without velocities
+
+
+def test_position_limits_hold_between_samples_too():
+    """A parabola turns at 1 rad between samples: beyond 0.9999, within the digits not."""
+    t = np.arange(0, 1, 0.02)
+    q = 1 - 4 * (t - 0.51) ** 2
+    limits = Limits([20], [10], position=[[-5, 0.9999]])
+    coarse = evidence(log([q], 3, 0.02), limits)
+    assert coarse.verdict == "kept"
+    assert coarse.motion(np.linspace(0, 0.98, 20001)).max() <= 0.9999
+    t = np.arange(0, 1, 0.01)
+    q = 1 - 4 * (t - 0.505) ** 2
+    fine = evidence(log([q], 6, 0.01), limits)
+    assert fine.verdict == "broken"  # samples are inside, and no lawful motion turns so early
+    assert fine.conviction.limit is None
+
+
+@pytest.mark.parametrize("decimals", [3, 5])
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_a_velocity_that_falls_with_the_position_is_told(share, decimals):
+    """At 1 rad/s up to where √(2·6·(2.5 − q)) − 0.3 allows that divided by the share."""
+    end = 2.5 - (1 / share + 0.3) ** 2 / 12
+    t = np.arange(0, 1.0001, 0.005)
+    q = end - 1 + t
+    own = {"offset": [0.3], "deceleration": [6.0], "position": [[-2.5, 2.5]]}
+    found = evidence(log([q], decimals, 0.005), Limits([2], [50], falling_velocity=own))
+    told = found.limits["falling_velocity"]
+    assert share * 0.84 < told.at_least <= share * (1 + 1e-9)  # the limit falls within a window
+    assert found.verdict == ("kept" if share < 1 else "broken")
+    if share > 1:
+        assert found.conviction.limit == "falling_velocity"
+        assert found.conviction.at_least <= share * (1 + 1e-9)
+    else:
+        assert told.uses <= 1

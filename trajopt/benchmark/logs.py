@@ -3,7 +3,7 @@
 A table of many positions alone is a log: no controller's motion is known between them. So is a file
 with velocities whose samples are close together and whose digits are worth more than 1 % of a
 limit: there a change of the last digit changes the verdict. With eight decimals or more the motion
-is judged as it stands.
+is judged as it stands. A `spline` joins positions alone, so velocities are left out for it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,14 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import LIMIT_ORDERS, Limits
 from trajopt.formats.motion import Motion
 from trajopt.formats.samples import Samples
-from trajopt.judging.evidence import DEFAULT_WINDOW_S, DIGITS_WORTH, Evidence, Log, evidence
+from trajopt.judging.evidence import (
+    DEFAULT_WINDOW_S,
+    DIGITS_WORTH,
+    VELOCITY_WORTH,
+    Evidence,
+    Log,
+    evidence,
+)
 
 AS_LOG: tuple[Interpolation, ...] = ("auto", "spline")
 """Interpolations that no controller was said to use: a log may be judged by its digits."""
@@ -61,6 +68,8 @@ def evidence_of(
         half_digits=samples.half_digits,
         time_half_digit=samples.time_half_digit,
         decimals=samples.decimals,
+        velocities=None if motion.interpolation == "spline" else samples.velocities,
+        velocity_half_digits=samples.velocity_half_digits,
     )
     return evidence(
         log,
@@ -76,16 +85,22 @@ def _is_log(samples: Samples, limits: Limits) -> bool:
     step = float(np.median(np.diff(samples.times)))
     moving = np.ptp(samples.positions, axis=0) > 0  # a constant says nothing of the digits
     decimals = np.array(samples.decimals)[moving]
-    few = len(samples.times) < _LOG_SAMPLES or (decimals >= _MANY_DECIMALS).all()
-    if few or step > _LOG_STEP_S:
+    fine = (decimals >= _MANY_DECIMALS).all()
+    if len(samples.times) < _LOG_SAMPLES or step > _LOG_STEP_S:
         return False
     if samples.velocities is None:
-        return True
-    if step > _DENSE_STEP_S:
-        return False
+        return not fine
     half = np.median(samples.half_digits, axis=0)
+    rates = np.zeros(len(half))
+    if samples.velocity_half_digits is not None:
+        rates = np.median(samples.velocity_half_digits, axis=0)
+        fine = fine and (rates[moving] < 10.0**-_MANY_DECIMALS).all()
+    if fine or step > _DENSE_STEP_S:
+        return False
     worth = 0.0
     for name, factor in DIGITS_WORTH.items():
+        order = LIMIT_ORDERS[name]
         sizes = np.abs(limits.by_name()[name]).min(axis=1)
-        worth = max(worth, float((factor * half / step ** LIMIT_ORDERS[name] / sizes).max()))
+        changed = factor * half / step**order + VELOCITY_WORTH[name] * rates / step ** (order - 1)
+        worth = max(worth, float((changed / sizes).max()))
     return worth > _WORTH

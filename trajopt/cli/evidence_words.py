@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from trajopt.cli import console
 from trajopt.judgement import Execution
+from trajopt.cli import console
+from trajopt.core.limits import KINDS
 from trajopt.judging.evidence import EXCESS, NOISE_DOUBT, Conviction, Evidence
 
 _SHOWN = f"{100 * EXCESS:g} %"
@@ -31,7 +32,9 @@ def print_evidence(found: Evidence, execution: Execution) -> None:
         digits = f"{told.digits_alone:.2g}"
         if told.digits_alone >= 100:
             digits = f"{told.digits_alone:.0f}"
-        table.row(name, f"{told.at_least:.4f}", uses, f"{told.spline:.4g}", digits, window)
+        table.row(
+            KINDS[name].name(), f"{told.at_least:.4f}", uses, f"{told.spline:.4g}", digits, window
+        )
     console.OUT.print(table)
     for sentence in _sentences(found, execution):
         console.paragraph(sentence)
@@ -44,6 +47,12 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
             f"No motion within the {within} keeps the limits: "
             f"{_proved(found.conviction, execution)} (proved)."
         )
+        if found.by_positions not in (None, "broken"):
+            yield (
+                "The velocities are part of the proof: by the positions alone the verdict is "
+                f"'{found.by_positions}'. Velocities that were measured or filtered apart from the "
+                "positions prove nothing; --interpolation spline leaves them out."
+            )
     elif found.motion is None:
         yield f"No motion within the {within} was found, and no proof that there is none."
     elif execution.certificate.dilation > 1.001:
@@ -72,6 +81,8 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
             f"The verdict is statistical: independent normal noise of {found.noise:g} convicts "
             f"{NOISE_DOUBT * 100:g} % of lawful logs."
         )
+        if found.log.velocities is not None:
+            yield "The velocities are left out: their noise is not known."
     if found.motion is not None and not found.at_rest:
         yield (
             "The log is cut: no motion within it rests at both ends. Its exact peaks were judged, "
@@ -85,13 +96,13 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
 def _hidden(found: Evidence) -> str:
     """Tell for how long an excess could have hidden."""
     longest = max(found.limits, key=lambda name: found.limits[name].window)
-    window = found.limits[longest].window
+    window, name = found.limits[longest].window, KINDS[longest].name()
     if window <= found.window:
         return f"An excess of {_SHOWN} over {found.window:g} s would have shown."
     if not np.isfinite(window):
-        return f"But an excess of {_SHOWN} of the {longest} limit would never show."
+        return f"But an excess of {_SHOWN} of the {name} limit would never show."
     return (
-        f"But an excess of {_SHOWN} of the {longest} limit could hide for {window:.3g} s: with "
+        f"But an excess of {_SHOWN} of the {name} limit could hide for {window:.3g} s: with "
         f"--window {np.ceil(1e3 * window) / 1e3:g} it counts as kept, and more decimals tell more."
     )
 
@@ -103,11 +114,11 @@ def _proved(conviction: Conviction, execution: Execution) -> str:
         unit = problem.unit(conviction.joint)
         excess = f"{conviction.at_least:.4g} {unit} beyond its position limits"
         return f"{joint} is at least {excess} at {conviction.start:.6g} s"
-    limits = f"{conviction.limit} limit" if conviction.limit else "limits together"
-    return (
-        f"{joint} needs at least {conviction.at_least:.4f} times its {limits} between "
-        f"{conviction.start:.6g} and {conviction.end:.6g} s"
-    )
+    limits = f"{KINDS[conviction.limit].name()} limit" if conviction.limit else "limits together"
+    when = f"between {conviction.start:.6g} and {conviction.end:.6g} s"
+    if conviction.start == conviction.end:
+        when = f"at {conviction.start:.6g} s"
+    return f"{joint} needs at least {conviction.at_least:.4f} times its {limits} {when}"
 
 
 def _digits(found: Evidence) -> str:

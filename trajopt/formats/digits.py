@@ -9,12 +9,14 @@ step that is coarser than the last digit, the step counts.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import gcd
 
 import numpy as np
 
 from trajopt.core.arrays import Array
+from trajopt.formats.samples import Samples
 
 _COARSE = 4  # units of the last digit; a smaller step of a sensor does not matter
 _STEP_RTOL = 0.02  # of a step: by which multiples may differ from whole ones
@@ -43,14 +45,27 @@ def half_digits(texts: Sequence[str], values: Array) -> tuple[Array, int]:
     return np.maximum(0.5 * 10.0**-counted, step / 2), most
 
 
-def of_numbers(positions: Array) -> tuple[Array, tuple[int, ...]]:
-    """Return `half_digits` and the decimals of each column of numbers whose text is not there.
+def of_columns(texts: Sequence[Sequence[str]], values: Array) -> tuple[Array, tuple[int, ...]]:
+    """Return `half_digits` of each column, `(numbers, columns)`, and each column's decimals."""
+    columns = zip(texts, values.T, strict=True)
+    half, decimals = zip(*(half_digits(*own) for own in columns), strict=True)
+    return np.stack(half, axis=1), decimals
+
+
+def known(samples: Samples) -> Samples:
+    """Return samples with the digits of their numbers, whose text is not there.
 
     The shortest text that gives a number back is taken, so trailing zeros do not count.
     """
-    columns = [half_digits([repr(item) for item in own.tolist()], own) for own in positions.T]
-    half, decimals = zip(*columns, strict=True)
-    return np.stack(half, axis=1), decimals
+    half, decimals = _of_numbers(samples.positions)
+    found = replace(samples, half_digits=half, decimals=decimals)
+    if samples.velocities is None:
+        return found
+    return replace(found, velocity_half_digits=_of_numbers(samples.velocities)[0])
+
+
+def _of_numbers(values: Array) -> tuple[Array, tuple[int, ...]]:
+    return of_columns([[repr(item) for item in own.tolist()] for own in values.T], values)
 
 
 def time_half_digit(texts: Sequence[str], values: Array, elapsed: Sequence[int]) -> float:

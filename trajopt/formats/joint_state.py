@@ -70,16 +70,10 @@ def _samples(messages: list[Any]) -> Samples:
             if len(table) not in (0, number):
                 right = "numbers in every message, or in none"
                 raise InvalidInput(f"{key}: {name}", right, value=message.get(name))
-    positions = np.array(tables["position"])
-    half, decimals = digits.of_numbers(positions)
-    return Samples(
-        tuple(names),
-        np.array(times) - times[0],
-        positions,
-        np.array(tables["velocity"]) if tables["velocity"] else None,
-        half_digits=half,
-        decimals=decimals,
-    )
+    velocities = np.array(tables["velocity"]) if tables["velocity"] else None
+    elapsed = np.array(times) - times[0]
+    samples = Samples(tuple(names), elapsed, np.array(tables["position"]), velocities)
+    return digits.known(samples)
 
 
 def _since(stamp: Mapping[str, Any], first: Mapping[str, Any]) -> Any:

@@ -148,8 +148,7 @@ def from_message(message: Any) -> Samples:
         )
         raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
     tables: dict[str, Any] = {name: own for name, own in columns.items() if own}
-    half, decimals = digits.of_numbers(np.array(columns["positions"]))
-    return Samples(tuple(names), np.array(times), **tables, half_digits=half, decimals=decimals)
+    return digits.known(Samples(tuple(names), np.array(times), **tables))
 
 
 def _table(path: Path) -> Any:

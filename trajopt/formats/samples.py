@@ -13,7 +13,7 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.tables import check_joint_names, frozen
 from trajopt.core.trajectory import Trajectory
 
-_TABLES = ("positions", "velocities", "accelerations", "half_digits")
+_TABLES = ("positions", "velocities", "accelerations", "half_digits", "velocity_half_digits")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,7 @@ class Samples:
             `(samples, joints)`; None for samples that were not read from a text.
         time_half_digit: The same of the times, s; 0 where they are on an even grid.
         decimals: Of each joint's column, in its unit; empty without `half_digits`.
+        velocity_half_digits: As `half_digits`, of the velocities, rad/s.
 
     Raises:
         InvalidInput: These do not fit together, are not finite, or times do not increase.
@@ -45,6 +46,7 @@ class Samples:
     half_digits: Array | None = None
     time_half_digit: float = 0.0
     decimals: tuple[int, ...] = ()
+    velocity_half_digits: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))

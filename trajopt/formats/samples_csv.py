@@ -35,7 +35,6 @@ from types import MappingProxyType
 import numpy as np
 
 from trajopt.core import files
-from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput
 from trajopt.core.units import ANGLES, LENGTHS, TIMES, UNITS, asked, completed, contradicted
 from trajopt.formats import csv_file, digits
@@ -199,7 +198,6 @@ def _samples(
     start = Decimal()
     texts: list[list[str]] = []
     read_columns = [column.index for column in chosen]
-    of_positions = [column.index for column in joints["positions"]]
     for line, cells, row in table.rows(read_columns):
         # Of times like 1.7e9 the difference keeps every digit.
         exact = Decimal(cells[time.index])
@@ -214,7 +212,7 @@ def _samples(
         else:
             start = exact
         rows.append(row[len(clock) :])
-        texts.append([cells[index] for index in of_positions])
+        texts.append([cells[index] for index in read_columns[len(clock) :]])
         stamps.append(exact)
     if len(rows) < 2:
         raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
@@ -231,25 +229,20 @@ def _samples(
         warnings.warn(FileNote(f"{name}: {'; '.join(notes)}"), stacklevel=2)
 
     sizes = [UNITS[own] for own in chain(*units)]
-    parts = np.hsplit(np.array(rows) * sizes, len(joints))
-    half, decimals = _digits(texts, np.array(rows)[:, : len(of_positions)])
+    numbers = np.array(rows)
+    parts = np.hsplit(numbers * sizes, len(joints))
+    half, decimals = digits.of_columns([*zip(*texts, strict=True)], numbers)
+    halves = dict(zip(joints, np.hsplit(half * sizes, len(joints)), strict=True))
     return Samples(
         joint_names=tuple(column.joint for column in joints["positions"]),
         times=np.array(elapsed) * TIMES[unit],
         joint_units=tuple("m" if own in LENGTHS else "rad" for own in units[0]),
-        half_digits=half * [UNITS[own] for own in units[0]],
+        half_digits=halves["positions"],
+        velocity_half_digits=halves.get("velocities"),
         time_half_digit=_time_half_digit(stamps) * TIMES[unit],
-        decimals=decimals,
+        decimals=decimals[: len(units[0])],
         **dict(zip(joints, parts, strict=True)),
     )
-
-
-def _digits(texts: Sequence[Sequence[str]], positions: Array) -> tuple[Array, tuple[int, ...]]:
-    """Half a unit of the last digit of each position, and each column's decimals."""
-    columns = zip(zip(*texts, strict=True), positions.T, strict=True)
-    found = [digits.half_digits(own, values) for own, values in columns]
-    half, decimals = zip(*found, strict=True)
-    return np.stack(half, axis=1), decimals
 
 
 def _time_half_digit(stamps: Sequence[Decimal]) -> float:

@@ -7,25 +7,33 @@ there is none (`trajopt.judging.tube_proof`). Three verdicts follow:
 - `broken`: no motion within the half widths keeps the limits, which is proved;
 - `kept`: a motion keeps them, and an excess of 5 % that lasts for the window would have shown;
 - `cannot be told`: neither. The windows say for how long an excess of 5 % could hide.
+
+Velocities that were logged beside positions have digits too, which tell far more of an acceleration
+than those of positions do. Under `noise` they are left out: theirs is not known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import factorial
 from statistics import NormalDist
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.limits import LIMIT_ORDERS, LimitName, Limits
+from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer, slope, tube
-from trajopt.judging.tube_proof import Limit, proved
+from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer, Rates, slope, tube
+from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings, proved
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Verdict = Literal["broken", "kept", "cannot be told"]
 
@@ -37,13 +45,19 @@ DEFAULT_WINDOW_S = 0.1
 NOISE_DOUBT = 1e-3
 """Probability that some sample's noise is larger than the half width of the tube."""
 
+Positions = Callable[[Array], tuple[Array, Array]]
+"""The lowest and highest positions at times, rad."""
+
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
-_FLOOR = 1e-7  # rad, least half width: narrower tubes are lost in rounding
+_FLOOR = 1e-7  # rad, rad/s, least half width: narrower tubes are lost in rounding
 DIGITS_WORTH: dict[LimitName, float] = {"velocity": 3.0, "acceleration": 12.0, "jerk": 24.0}
 """Largest change of a cubic spline's derivatives: this times half width / step**order."""
+VELOCITY_WORTH: dict[LimitName, float] = {"velocity": 1.0, "acceleration": 6.0, "jerk": 12.0}
+"""The same of cubic pieces between positions and velocities, by half a digit of the latter."""
 _UNLIMITED: Limit = (-np.inf, np.inf)
 _WAYPOINT_SHARE = 1e-7  # of a joint's span: half width at a waypoint, within what is repaired
-_MAX_NARROWINGS = 2
+_MAX_NARROWINGS = 4
+_LEAST_RATE = 1e-3  # of a velocity limit: no smaller one is asked for
 _MAX_PASSAGES = 3  # samples that are tried as the passage of a waypoint
 _SINGLE_ROUNDS = 2  # of knots added for one limit alone
 _STRIDE_GROWTH = 1.25
@@ -60,6 +74,8 @@ class Log:
         half_digits: Half a unit of the last digit of each position, rad, `(samples, joints)`.
         time_half_digit: The same of the times, s; 0 where they are exact.
         decimals: Of each joint's column, in its unit.
+        velocities: rad/s, `(samples, joints)`; None for a log of positions alone.
+        velocity_half_digits: Half a unit of the last digit of each velocity, rad/s.
     """
 
     times: Array
@@ -67,6 +83,8 @@ class Log:
     half_digits: Array
     time_half_digit: float = 0.0
     decimals: Sequence[int] = ()
+    velocities: Array | None = None
+    velocity_half_digits: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -106,7 +124,7 @@ class Conviction:
 
     joint: int
     at_least: float
-    limit: LimitName | None
+    limit: str | None
     start: float
     end: float
 
@@ -125,16 +143,18 @@ class Evidence:
         log: The samples.
         noise: The standard deviation that was given, rad; 0 for digits alone.
         window: The window that was asked for, s.
+        by_positions: The verdict without the velocities, where these are part of the proof.
     """
 
     verdict: Verdict
-    limits: dict[LimitName, Told]
+    limits: dict[str, Told]
     motion: Trajectory | None
     at_rest: bool
     conviction: Conviction | None
     log: Log
     noise: float
     window: float
+    by_positions: Verdict | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
@@ -146,6 +166,7 @@ class Evidence:
             "noise": self.noise,
             "asked_window": self.window,
             "at_rest": self.at_rest,
+            "by_positions": self.by_positions,
         }
         for name, told in self.limits.items():
             table[name] = {**vars(told), "joint": told.joint + 1}
@@ -188,10 +209,18 @@ def evidence(
     verdict: Verdict = "cannot be told"
     if conviction is not None:
         verdict = "broken"
-    elif max(found.high for found in chosen) <= 1 + KEPT_RTOL:
+    elif max(found.high for found in chosen) <= 1 + KEPT_RTOL and not any(
+        len(own.beyond_between(found)) for own, found in zip(joints, chosen, strict=True)
+    ):
         shown = all(own.window <= window for own in told.values())
         verdict = "kept" if shown else "cannot be told"
-    return Evidence(verdict, told, motion, at_rest, conviction, log, noise, window)
+    by_positions = None
+    if verdict == "broken" and any(len(own.readings.times) for own in joints):
+        positions = replace(log, velocities=None)
+        by_positions = evidence(
+            positions, limits, window=window, accelerations=accelerations
+        ).verdict
+    return Evidence(verdict, told, motion, at_rest, conviction, log, noise, window, by_positions)
 
 
 def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> Evidence:
@@ -247,6 +276,33 @@ def _through_all(joints: Sequence[_Joint], times: Array, waypoints: Array) -> _T
 
 
 @dataclass(frozen=True, eq=False)
+class _Conditions:
+    """What a joint's motion must keep, beside its constant limits.
+
+    Attributes:
+        half: Of each sample, rad.
+        readings: The velocities that are known.
+        rates: Limits of the velocity that depend on the time.
+        turns: Times between samples at which the position limits count, s.
+    """
+
+    half: Array
+    readings: Readings
+    rates: Rates | None
+    turns: Array
+
+
+def _along(spline: BSpline) -> Positions:
+    """The positions of a motion, lowest and highest."""
+
+    def at(times: Array) -> tuple[Array, Array]:
+        positions = spline(times)
+        return positions, positions
+
+    return at
+
+
+@dataclass(frozen=True, eq=False)
 class _Joint:
     """One joint's samples.
 
@@ -255,6 +311,8 @@ class _Joint:
         range: Its position limits, rad.
         digits: Half width of each position, rad.
         shift: Half width of each time, s.
+        logged: The velocities with their digits.
+        others: Limits of other kinds, of this joint alone: some bound its velocity by its position.
     """
 
     times: Array
@@ -263,12 +321,23 @@ class _Joint:
     shift: float
     limits: tuple[Limit, Limit, Limit]
     range: Limit
+    logged: Readings
+    others: Mapping[str, OtherLimit]
 
     @property
     def half(self) -> Array:
         """Half width at the stated times: a motion within its limits moves so far meanwhile."""
         low, high = self.limits[0]
         return self.digits + self.shift * max(-low, high)
+
+    @cached_property
+    def readings(self) -> Readings:
+        """The velocities at the stated times; none where these are blurred without a limit."""
+        if not self.shift:
+            return self.logged
+        blur = self.shift * max(-self.limits[1][0], self.limits[1][1])
+        known = replace(self.logged, half=self.logged.half + blur)
+        return known if np.isfinite(blur) else NO_READINGS
 
     @property
     def beyond(self) -> Array:
@@ -284,55 +353,159 @@ class _Joint:
         if len(limits) == 1:  # a velocity does not jump: a spline of degree 2, nearly unlimited
             steep = 100 * max(self.limits[0]) / float(np.median(np.diff(self.times)))
             limits.append((-steep, steep))
-        half = self.half
-        found = self._solved(half, limits, rest, passing)
-        for _ in range(_MAX_NARROWINGS if self.shift else 0):
-            if not np.isfinite(found.high) or self._hits(found):
+        falling = self.falling()
+        own = _Conditions(self.half, self.readings, self._rates(self.reach, falling), np.zeros(0))
+        found = self._solved(own, limits, rest, passing)
+        for _ in range(_MAX_NARROWINGS):
+            beyond = self.beyond_between(found)
+            hits, use = self._hits(found), self._use_of(found, falling)
+            kept = hits and not len(beyond) and use <= max(1.0, found.high)
+            if kept or not np.isfinite(found.high):
                 return found
-            # The motion moves less than its limit allows: where it does, the tube is narrower.
-            speed = np.abs(found.spline()(self.times, nu=1))
-            half = np.minimum(half, self.digits + self.shift * speed)
-            narrower = self._solved(half, limits, rest, passing)
-            found = replace(narrower, low=found.low, proof=found.proof)
-        if self.shift and not self._hits(found):
-            found = replace(found, high=np.inf)
-        return found
+            spline = found.spline()
+            if not hits:
+                own = self._narrowed(own, spline)
+            rates = self._rates(_along(spline), falling)
+            own = replace(own, rates=rates, turns=np.union1d(own.turns, beyond))
+            narrower = self._solved(own, limits, rest, passing)
+            # Only the positions between samples are a condition of every motion.
+            proves = hits and not falling and narrower.low > found.low
+            better = narrower if proves else found
+            found = replace(narrower, low=better.low, proof=better.proof)
+        if not self._hits(found):
+            return replace(found, high=np.inf)
+        return replace(found, high=max(found.high, self._use_of(found, falling)))
+
+    def _narrowed(self, own: _Conditions, spline: BSpline) -> _Conditions:
+        """The tube where a motion moves less than its limit allows: it is narrower there."""
+        speed = np.abs(spline(self.times, nu=1))
+        half = np.minimum(own.half, self.digits + self.shift * speed)
+        readings = own.readings
+        if len(readings.times):
+            bend = np.abs(spline(readings.times, nu=2))
+            width = np.minimum(readings.half, self.logged.half + self.shift * bend)
+            readings = replace(readings, half=width)
+        return replace(own, half=half, readings=readings)
+
+    def beyond_between(self, found: TubeAnswer) -> Array:
+        """Times between samples at which a motion turns beyond the position limits, s."""
+        low, high = self.range
+        inside = (found.coefficients >= low - _FLOOR) & (found.coefficients <= high + _FLOOR)
+        # A spline is between its coefficients; a sample beyond the limits is another fault.
+        if inside.all() or not np.isfinite(found.high) or self.beyond.max() > 0:
+            return np.zeros(0)
+        from scipy.interpolate import PPoly
+
+        spline = found.spline()
+        turns = PPoly.from_spline(spline.derivative()).roots(extrapolate=False)
+        turns = turns[np.isfinite(turns)]
+        positions = spline(turns)
+        beyond: Array = turns[(positions < low - _FLOOR / 10) | (positions > high + _FLOOR / 10)]
+        return beyond
+
+    def falling(self) -> list[str]:
+        """The keys of the other limits that bound the velocity by the position."""
+        at = self.positions
+        return [
+            key
+            for key, own in self.others.items()
+            if np.isfinite(own.velocities(0, at, at)).any() and np.isfinite(self.limits[0][1])
+        ]
+
+    def reach(self, times: Array) -> tuple[Array, Array]:
+        """The lowest and highest position that a motion within twice its limits has at times.
+
+        Between samples it leaves the straight line by at most `V h / 2` and `A h² / 8`.
+        """
+        steps = np.diff(self.times)
+        beyond = 2 * max(map(abs, self.limits[0])) * steps / 2
+        if np.isfinite(self.limits[1][1]):
+            beyond = np.minimum(beyond, 2 * max(map(abs, self.limits[1])) * steps**2 / 8)
+        piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(steps) - 1)
+        lowest = np.interp(times, self.times, self.positions - self.half)
+        highest = np.interp(times, self.times, self.positions + self.half)
+        return lowest - beyond[piece], highest + beyond[piece]
+
+    def _rates(self, positions: Positions, keys: Sequence[str]) -> Rates | None:
+        """The velocity's limits at times, with those of other limits, where these say anything."""
+        if not keys:
+            return None
+        low, high = self.limits[0]
+
+        def rates(times: Array) -> tuple[Array, Array]:
+            lowest, highest = np.full(len(times), low), np.full(len(times), high)
+            for key in keys:
+                down, up = self.others[key].velocities(0, *positions(times))
+                lowest = np.maximum(lowest, np.minimum(down, _LEAST_RATE * low))
+                highest = np.minimum(highest, np.maximum(up, _LEAST_RATE * high))
+            return lowest, highest
+
+        return rates
+
+    def _use_of(self, found: TubeAnswer, keys: Sequence[str]) -> float:
+        """The exact use of other limits by a motion."""
+        if not keys or not np.isfinite(found.high):
+            return 0.0
+        motion = _joined([found], self.times[[0, -1]])
+        return 0.0 if motion is None else max(self.others[key].worst(motion).value for key in keys)
 
     def _solved(
         self,
-        half: Array,
+        own: _Conditions,
         limits: Sequence[Limit],
         rest: bool,
         passing: tuple[Array, Array] | None,
     ) -> TubeAnswer:
-        times, positions, half = self._inside(half)
+        points = self._inside(own)
         if passing is not None:
-            times, positions, half = _through(times, positions, half, passing)
-        return tube(times, positions, half, limits, rest=rest)
+            points = _through(*points, passing)
+        return tube(*points, limits, rest=rest, readings=own.readings, rates=own.rates)
 
-    def _inside(self, half: Array) -> tuple[Array, Array, Array]:
-        """The tube, narrowed to the position limits where it does not lie outside of them."""
+    def _inside(self, own: _Conditions) -> tuple[Array, Array, Array]:
+        """The tube, narrowed to the position limits where it does not lie outside of them.
+
+        Where a motion turned beyond them the whole range is one point more of the tube.
+        """
         low, high = self.range
+        half = own.half
         lowest = np.maximum(self.positions - half, low)
         highest = np.minimum(self.positions + half, high)
         fits = highest - lowest > 0.1 * half
         centre = np.where(fits, (lowest + highest) / 2, self.positions)
-        return self.times, centre, np.where(fits, (highest - lowest) / 2, half)
+        half = np.where(fits, (highest - lowest) / 2, half)
+        if not len(own.turns):
+            return self.times, centre, half
+        wide = float(np.ptp(self.positions)) + 1.0  # in place of a side without a limit
+        low = max(low, float(self.positions.min()) - wide)
+        high = min(high, float(self.positions.max()) + wide)
+        times = np.concatenate([self.times, own.turns])
+        order = np.argsort(times, kind="stable")
+        centre = np.append(centre, np.full(len(own.turns), (low + high) / 2))
+        half = np.append(half, np.full(len(own.turns), (high - low) / 2 * (1 - 1e-8)))
+        return times[order], centre[order], half[order]
 
     def _hits(self, found: TubeAnswer) -> bool:
         """Return whether the motion meets each sample at some time that rounds to its stamp."""
+        if not self.shift or not np.isfinite(found.high):
+            return True
         ends = self.times[[0, -1]]
         shifted = self.times + self.shift * np.array([[-1.0], [0.0], [1.0]])
-        passed = found.spline()(np.clip(shifted, *ends))
-        slack = self.digits * (1 + 1e-6)
-        above = passed.min(axis=0) <= self.positions + slack
-        below = passed.max(axis=0) >= self.positions - slack
-        return bool((above & below).all())
+        kinds = [(0, self.positions, self.digits)]
+        if len(self.readings.times):
+            kinds.append((1, self.logged.values, self.logged.half))
+        for order, values, digits in kinds:
+            passed = found.spline()(np.clip(shifted, *ends), nu=order)
+            slack = digits * (1 + 1e-6)
+            above = passed.min(axis=0) <= values + slack
+            below = passed.max(axis=0) >= values - slack
+            if not (above & below).all():
+                return False
+        return True
 
-    def singles(self) -> dict[LimitName, float]:
+    def singles(self) -> dict[str, float]:
         """The share of each limit that every motion uses, if it had no other limit."""
         half = self.half
-        shares: dict[LimitName, float] = {}
+        shares: dict[str, float] = {}
         for order, (name, limit) in enumerate(zip(_RATES, self.limits, strict=True)):
             if not np.isfinite(limit[1]):
                 continue
@@ -340,11 +513,44 @@ class _Joint:
                 shares[name] = self.slope()[0]
                 continue
             alone = [_UNLIMITED] * order + [limit]
-            shares[name] = tube(self.times, self.positions, half, alone, rounds=_SINGLE_ROUNDS).low
+            shares[name] = tube(
+                self.times,
+                self.positions,
+                half,
+                alone,
+                rounds=_SINGLE_ROUNDS,
+                readings=self.readings,
+            ).low
+        for key in self.falling():
+            shares[key] = self._least_of_falling(self.others[key])
         return shares
 
+    def _least_of_falling(self, limit: OtherLimit) -> float:
+        """The share of velocities that positions bound which a mean over some window uses."""
+        from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+        low, high = limit.velocities(0, *self.reach(self.times))
+        share = 0.0
+        positions, half = self.positions[:, None], self.half[:, None]
+        for size, mean, doubt, _ in _means(self.times, positions, half, 1):
+            lowest = _filtered(minimum_filter1d, low, size)
+            highest = _filtered(maximum_filter1d, high, size)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                up = (mean - doubt)[:, 0] / highest
+                down = (mean + doubt)[:, 0] / lowest
+            share = max(share, float(np.nanmax(np.maximum(up, down))))
+        return share
+
     def slope(self) -> tuple[float, float, float]:
-        return slope(self.times, self.positions, self.half, self.limits[0])
+        """The share of the velocity limit that every motion uses, and from when to when, s."""
+        steepest = slope(self.times, self.positions, self.half, self.limits[0])
+        low, high = self.limits[0]
+        read = self.readings
+        if not len(read.times):
+            return steepest
+        shares = np.maximum((read.values - read.half) / high, (read.values + read.half) / low)
+        time = float(read.times[np.argmax(shares)])
+        return max(steepest, (float(shares.max()), time, time))
 
 
 def _joints(log: Log, limits: Limits, noise: float, accelerations: Sequence[bool]) -> list[_Joint]:
@@ -363,6 +569,10 @@ def _joint(log: Log, limits: Limits, noise: float, joint: int, judged: bool) -> 
         own.append((low, high) if known else _UNLIMITED)
     velocity, acceleration, jerk = own
     low, high = map(float, limits.position[joint])
+    logged = NO_READINGS
+    if log.velocities is not None and log.velocity_half_digits is not None and not noise:
+        width = np.maximum(log.velocity_half_digits[:, joint], _FLOOR)
+        logged = Readings(log.times, log.velocities[:, joint], width)
     return _Joint(
         times=log.times,
         positions=log.positions[:, joint],
@@ -370,6 +580,8 @@ def _joint(log: Log, limits: Limits, noise: float, joint: int, judged: bool) -> 
         shift=log.time_half_digit,
         limits=(velocity, acceleration, jerk),
         range=(low, high),
+        logged=logged,
+        others=limits.only([joint]).others,
     )
 
 
@@ -396,7 +608,7 @@ def _through(
 
 
 def _conviction(
-    joints: Sequence[_Joint], lows: Sequence[TubeAnswer], singles: Sequence[dict[LimitName, float]]
+    joints: Sequence[_Joint], lows: Sequence[TubeAnswer], singles: Sequence[dict[str, float]]
 ) -> Conviction | None:
     """The joint that breaks its limits most, proved in rational numbers."""
     convictions: list[Conviction] = []
@@ -440,9 +652,9 @@ def _told(
     log: Log,
     limits: Limits,
     joints: Sequence[_Joint],
-    singles: Sequence[dict[LimitName, float]],
+    singles: Sequence[dict[str, float]],
     motion: Trajectory | None,
-) -> Iterator[tuple[LimitName, Told]]:
+) -> Iterator[tuple[str, Told]]:
     step = float(np.median(np.diff(log.times)))
     spline = Trajectory.from_samples(log.times, log.positions, interpolation="spline")
     widths = np.stack([own.half for own in joints], axis=1)
@@ -454,6 +666,12 @@ def _told(
         bounds = limits.by_name()[name][known]
         positions, half = log.positions[:, known], widths[:, known]
         least = max(known, key=lambda joint: singles[joint][name])
+        window = _window(log.times, positions, half, bounds, order)
+        if order > 1 and all(len(own.readings.times) for own in joints):
+            readings = [joints[joint].readings for joint in known]
+            values = np.stack([own.values for own in readings], axis=1)
+            doubt = np.stack([own.half for own in readings], axis=1)
+            window = min(window, _window(log.times, values, doubt, bounds, order - 1))
         worth = DIGITS_WORTH[name] * np.median(half, axis=0) / step**order
         yield (
             name,
@@ -462,11 +680,47 @@ def _told(
                 uses=None if motion is None else _use(motion, order, known, bounds),
                 spline=_use(spline, order, known, bounds),
                 digits_alone=float((worth / np.abs(bounds).min(axis=1)).max()),
-                window=_window(log.times, positions, half, bounds, order),
+                window=window,
                 joint=least,
                 by_joint=tuple(own.get(name) for own in singles),
             ),
         )
+
+    for key, own in limits.others.items():
+        known = [joint for joint, single in enumerate(singles) if key in single]
+        if not known:
+            continue
+        least = max(known, key=lambda joint: singles[joint][key])
+        found = [_falling(joints[joint], own, joint, step) for joint in known]
+        yield (
+            key,
+            Told(
+                at_least=max(0.0, singles[least][key]),
+                uses=None if motion is None else own.worst(motion).value,
+                spline=own.worst(spline).value,
+                digits_alone=max(worth for worth, _ in found),
+                window=max(window for _, window in found),
+                joint=least,
+                by_joint=tuple(single.get(key) for single in singles),
+            ),
+        )
+
+
+def _falling(joint: _Joint, limit: OtherLimit, index: int, step: float) -> tuple[float, float]:
+    """What digits are worth of a velocity that positions bound, and the window for it.
+
+    Digits count where the joint moves by more than its own.
+    """
+    reach = joint.reach(joint.times)
+    low, high = limit.velocities(index, *reach)
+    low, high = np.minimum(low, -1e-9), np.maximum(high, 1e-9)
+    moved = np.diff(joint.positions)
+    towards = np.where(moved > 0, high[1:], -low[1:])
+    moving = np.abs(moved) > 2 * joint.half[1:]
+    worth = DIGITS_WORTH["velocity"] * joint.half[1:] / step / towards
+    bounds = np.stack([low, high], axis=1)[:, None]
+    window = _window(joint.times, joint.positions[:, None], joint.half[:, None], bounds, 1)
+    return float(worth[moving].max(initial=0.0)), window
 
 
 def _use(trajectory: Trajectory, order: int, joints: Sequence[int], limits: Array) -> float:
@@ -474,27 +728,57 @@ def _use(trajectory: Trajectory, order: int, joints: Sequence[int], limits: Arra
     return float(peak(own, order, limits, ratio).value)
 
 
-def _window(times: Array, positions: Array, half: Array, limits: Array, order: int) -> float:
+def _window(times: Array, values: Array, half: Array, limits: Array, order: int) -> float:
     """The shortest window in which no mean of a derivative beyond 1.05 of its limit can hide.
+
+    Args:
+        times: s, `(samples,)`.
+        values: Positions, or velocities, whose derivatives count from theirs, `(samples, joints)`.
+        half: Their half widths.
+        limits: `(joints, 2)`; or those at each sample, `(samples, joints, 2)`, of which the
+            narrowest of a window counts.
+        order: Of the derivative.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    low, high = limits[..., 0], limits[..., 1]
+    for size, mean, doubt, longest in _means(times, values, half, order):
+        if limits.ndim == 3:
+            low = _filtered(maximum_filter1d, limits[..., 0], size)
+            high = _filtered(minimum_filter1d, limits[..., 1], size)
+        if np.maximum((mean + doubt) / high, (mean - doubt) / low).max() <= 1 + EXCESS:
+            return longest
+    return float("inf")
+
+
+def _filtered(extreme: Callable[..., Array], values: Array, size: int) -> Array:
+    """The extreme of each window of so many samples."""
+    found: Array = extreme(values, size, axis=0)
+    return found[size // 2 :][: len(values) - size + 1]
+
+
+def _means(
+    times: Array, values: Array, half: Array, order: int
+) -> Iterator[tuple[int, Array, Array, float]]:
+    """Means of a derivative over longer and longer windows.
 
     A divided difference over samples is a mean of the derivative between them; digits leave a doubt
     about it, which is smaller the longer the window is.
+
+    Yields:
+        How many samples a window has, each window's mean and doubt, and the longest window, s.
     """
-    low, high = limits.T
     stride = 1
     while order * stride < len(times):
         count = len(times) - order * stride
         at = np.stack([times[i * stride : i * stride + count] for i in range(order + 1)])
-        mean = np.zeros((count, len(limits)))
-        doubt = np.zeros((count, len(limits)))
+        mean = np.zeros((count, values.shape[1]))
+        doubt = np.zeros((count, values.shape[1]))
         for i in range(order + 1):
             others = [at[i] - at[j] for j in range(order + 1) if j != i]
             weight = (factorial(order) / np.prod(others, axis=0))[:, None]
             part = slice(i * stride, i * stride + count)
-            mean += weight * positions[part]
+            mean += weight * values[part]
             doubt += np.abs(weight) * half[part]
-        worst = np.maximum((mean + doubt) / high, (mean - doubt) / low).max()
-        if worst <= 1 + EXCESS:
-            return float((at[-1] - at[0]).max())
+        yield order * stride + 1, mean, doubt, float((at[-1] - at[0]).max())
         stride = stride + 1 if stride < _MAX_STRIDE_BY_ONE else int(_STRIDE_GROWTH * stride)
-    return float("inf")

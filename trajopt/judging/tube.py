@@ -5,6 +5,9 @@ degree r, the order of the highest limit, with B-spline coefficients in
 
     min s   with   |q(t_i) − q_i| ≤ d_i,   s low_k ≤ each coefficient of q⁽ᵏ⁾ ≤ s high_k
 
+Velocities that were logged are further conditions |q′(y_l) − v_l| ≤ e_l, and the velocity's limits
+may depend on the time: a coefficient's is that at its Greville point.
+
 Coefficients bound a derivative, and those of the two highest ones are its values at knots. So the
 spline is a motion that uses `high` = s of its limits. The program's multipliers prove that every
 motion uses at least `low` of them (`trajopt.judging.tube_proof`). The two differ where the best
@@ -13,7 +16,7 @@ motion switches within a piece: knots there close the gap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -21,10 +24,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.judging.tube_proof import Limit, TubeProof, bound
+from trajopt.judging.tube_proof import NO_READINGS, Limit, TubeProof, Readings, bound
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
+
+Rates = Callable[[Array], tuple[Array, Array]]
+"""Limits of the velocity at times: low < 0 and high > 0, within the constant ones."""
 
 BROKEN_RTOL = 1e-9
 """A bound above 1 + this share counts as a proof that a limit is broken."""
@@ -35,7 +41,7 @@ _GAP_RTOL = 1e-7  # of the interior-point method, relative to s
 _MAX_ROUNDS = 8  # of knots added
 _ROUNDS_RTOL = 1e-6  # gap between low and high that ends the rounds
 _NEAREST_SHARE = 0.02  # of the shortest step between samples: knots are no nearer
-_TUBE_RTOL = 1e-9  # by which a solution may leave the tube, relative to its half width
+_TUBE_RTOL = 1e-9  # of a half width, by which a solution may leave the tube, beside rounding
 _SUPPORT_SHARES = (0.0, 1e-8, 1e-5)  # smaller multipliers at the ends of a proof are left out
 
 
@@ -83,6 +89,8 @@ def tube(
     *,
     rest: bool = False,
     rounds: int = _MAX_ROUNDS,
+    readings: Readings = NO_READINGS,
+    rates: Rates | None = None,
 ) -> TubeAnswer:
     """Return the smallest share of the limits that a motion within the tube uses.
 
@@ -95,13 +103,25 @@ def tube(
         rest: Whether derivatives below order r are zero at both ends.
         rounds: How often knots are added at most. The rounds end when both numbers are on the same
             side of 1, or equal.
+        readings: Velocities that are known too.
+        rates: The velocity's limits where they depend on the time.
     """
-    knots = _resolved(times, half, limits)
+    at_ends = np.isin(readings.times, times[[0, -1]])
+    if rest and at_ends.any():
+        ends = readings.of(at_ends)
+        inner = readings.of(~at_ends)
+        found = tube(
+            times, positions, half, limits, rest=True, rounds=rounds, readings=inner, rates=rates
+        )
+        moving = (np.abs(ends.values) > ends.half).any()
+        return replace(found, high=np.inf) if moving else found
+    program = _Program(times, positions, half, limits, rest, readings, rates)
+    knots = _resolved(program)
     nearest = _NEAREST_SHARE * float(np.diff(times).min())
     best: TubeAnswer | None = None
     for _ in range(rounds):
         with np.errstate(all="ignore"):
-            found = _solved(times, positions, half, limits, knots, rest)
+            found = _solved(program, knots)
         roots = found.proof.roots if found.proof else np.zeros(0)
         if best is not None:
             low = max(best, found, key=lambda own: own.low)
@@ -116,6 +136,26 @@ def tube(
         knots = np.union1d(knots, new)
     assert best is not None
     return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """What `tube` is given."""
+
+    times: Array
+    positions: Array
+    half: Array
+    limits: Sequence[Limit]
+    rest: bool
+    readings: Readings
+    rates: Rates | None
+
+    def bounds(self, order: int, points: Array) -> tuple[Array, Array]:
+        """The limits of a derivative at points, low and high; order 1 is the velocity."""
+        if order == 1 and self.rates is not None:
+            return self.rates(points)
+        low, high = self.limits[order - 1]
+        return np.full(len(points), low), np.full(len(points), high)
 
 
 def slope(times: Array, positions: Array, half: Array, limit: Limit) -> tuple[float, float, float]:
@@ -150,14 +190,21 @@ def _steepest(
     return float(rise / limit), (first, later)
 
 
-def _resolved(times: Array, half: Array, limits: Sequence[Limit]) -> Array:
-    """Knots at samples, no nearer than the tube can tell apart; for r = 2 perhaps between them."""
+def _resolved(program: _Program) -> Array:
+    """Knots at samples, no nearer than the tube can tell apart; perhaps between them.
+
+    Between samples where acceleration is the highest limit, or where velocities are known too, as
+    they are one more condition a sample.
+    """
+    times, readings, limits = program.times, program.readings, program.limits
     r = len(limits)
     size = min(-limits[-1][0], limits[-1][1])
-    apart = float((np.median(half) / size) ** (1 / r) / 3)
+    apart = float((np.median(program.half) / size) ** (1 / r) / 3)
+    if len(readings.times):
+        apart = min(apart, float((np.median(readings.half) / size) ** (1 / (r - 1)) / 3))
     step = float(np.median(np.diff(times)))
     if apart < 2 * step and len(times) > 2 * r:
-        if r == 3 or apart >= step:
+        if apart >= step or (r == 3 and not len(readings.times)):
             return times
         return np.sort(np.concatenate([times, (times[1:] + times[:-1]) / 2]))
     kept = [times[0]]
@@ -169,50 +216,48 @@ def _resolved(times: Array, half: Array, limits: Sequence[Limit]) -> Array:
     return np.array([*kept, times[-1]])
 
 
-def _solved(
-    times: Array,
-    positions: Array,
-    half: Array,
-    limits: Sequence[Limit],
-    breaks: Array,
-    rest: bool,
-) -> TubeAnswer:
+def _solved(program: _Program, breaks: Array) -> TubeAnswer:
     """Solve the program for these knots."""
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_array, vstack
 
-    r, count = len(limits), len(times)
+    times, half, limits, readings = program.times, program.half, program.limits, program.readings
+    r, samples = len(limits), len(times)
     knots = np.concatenate([[breaks[0]] * r, breaks, [breaks[-1]] * r])
-    base = positions.mean()
-    local = positions - base
+    base = program.positions.mean()
+    local = program.positions - base
     levels = _levels(knots, r)
     blocks = [csr_array(BSpline.design_matrix(times, knots, r)) * (1 / half)[:, None]]
+    if len(readings.times):
+        rates = csr_array(BSpline.design_matrix(readings.times, knots[1:-1], r - 1))
+        blocks.append(csr_array(rates @ levels[0][0]) * (1 / readings.half)[:, None])
+    known = np.concatenate([local / half, readings.values / readings.half])
+    count = len(known)
     up, down = [np.zeros(count)], [np.zeros(count)]
-    used = [order for order, (_, high) in enumerate(limits) if np.isfinite(high)]
-    for order in used:
-        low, high = limits[order]
-        block = levels[order][0] * (1 / high)
-        blocks.append(block)
-        up.append(np.ones(block.shape[0]))
-        down.append(np.full(block.shape[0], -low / high))
+    used = [order for order, (_, high) in enumerate(limits, start=1) if np.isfinite(high)]
+    bounds = {order: program.bounds(order, levels[order - 1][1]) for order in used}
+    for order, (low, high) in bounds.items():
+        blocks.append(levels[order - 1][0] * (1 / high)[:, None])
+        up.append(np.ones(len(high)))
+        down.append(-low / high)
     matrix = vstack(blocks).tocsr()
     column = np.arange(matrix.shape[1])
-    if rest:  # the first r coefficients are equal, and the last r
+    if program.rest:  # the first r coefficients are equal, and the last r
         column = np.clip(column, r - 1, len(column) - r) - (r - 1)
         shape = (len(column), column[-1] + 1)
         ones = np.ones(len(column))
         matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
     filled = np.diff(matrix.indptr) > 0  # coefficients that are equal have no difference
-    rows = _BandedMatrix(matrix[filled])
+    rows = _Rows(matrix[filled])
     upper, lower = np.concatenate(up)[filled], np.concatenate(down)[filled]
     limited = upper > 0
     if not limited.any():
         return TubeAnswer(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     right = np.zeros((2, len(upper)))
-    right[:, :count] = 1 + local / half, 1 - local / half
+    right[:, :count] = 1 + known, 1 - known
     # The initial guess follows the positions, and bends little.
     try:
-        x = rows.fitted(count, local / half, np.where(limited, 1e-6, 1.0))
+        x = rows.fitted(count, known, np.where(limited, 1e-6, 1.0))
     except (np.linalg.LinAlgError, ValueError):  # beyond the range of floats
         return TubeAnswer(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     x, own_y = _interior_point(rows, right.ravel(), np.concatenate([upper, lower]), x)
@@ -221,17 +266,27 @@ def _solved(
 
     values = rows.matrix @ x
     high = float(np.max(np.maximum(values[limited], -values[limited] / lower[limited])))
-    if not np.abs(values[:count] - local / half).max() <= 1 + _TUBE_RTOL:
+    if not np.abs(values[:count] - known).max() <= 1 + rows.rounding(x):
         high = np.inf  # the method stopped outside the tube
-    multipliers = y[:count] / half
     derivatives = [(points, np.zeros(len(points))) for _, points in levels[:-1]]
     place = count
     for order in used[:-1]:
-        points = derivatives[order][0]
-        own = y[place : place + len(points)] / limits[order][1]
-        derivatives[order] = (points, own)
+        points = derivatives[order - 1][0]
+        own = y[place : place + len(points)] / bounds[order][1]
+        derivatives[order - 1] = (points, own)
         place += len(points)
-    whole = TubeProof(limits, times, local, half, multipliers, derivatives, np.zeros(0))
+    whole = TubeProof(
+        limits,
+        times,
+        local,
+        half,
+        y[:samples] / half,
+        derivatives,
+        np.zeros(0),
+        readings,
+        y[samples:count] / readings.half,
+        bounds[1] if program.rates else None,
+    )
     low, proof = _best_proof(whole)
     return TubeAnswer(low, high, r, knots, x[column] + base, proof)
 
@@ -239,17 +294,29 @@ def _solved(
 def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
     """The best bound of a proof or of its part with large multipliers, which rounds less."""
     best: tuple[float, TubeProof | None] = (0.0, None)
-    weight = np.abs(whole.multipliers * whole.half)
+    readings = whole.readings
+    known = np.concatenate([whole.times, readings.times])
+    weight = np.abs(
+        np.concatenate([whole.multipliers * whole.half, whole.of_readings * readings.half])
+    )
     for share in _SUPPORT_SHARES:
-        large = np.flatnonzero(weight > share * weight.max())
+        large = known[weight > share * weight.max()]
         if len(large) <= len(whole.limits):
             continue
-        part = slice(max(large[0] - 1, 0), min(large[-1] + 2, len(whole.times)))
+        first = int(np.searchsorted(whole.times, large.min())) - 1
+        last = int(np.searchsorted(whole.times, large.max(), side="right")) + 1
+        part = slice(max(first, 0), last)
         times = whole.times[part]
+
+        def inside(points: Array, times: Array = times) -> Array:
+            return np.flatnonzero((points >= times[0]) & (points <= times[-1]))
+
         derivatives = []
         for points, values in whole.derivatives:
-            inside = (points >= times[0]) & (points <= times[-1])
-            derivatives.append((points[inside], values[inside]))
+            own_part = inside(points)
+            derivatives.append((points[own_part], values[own_part]))
+        of_velocity = inside(whole.derivatives[0][0])
+        read = inside(readings.times)
         own = replace(
             whole,
             times=times,
@@ -257,6 +324,13 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
             half=whole.half[part],
             multipliers=whole.multipliers[part],
             derivatives=derivatives,
+            readings=readings.of(read),
+            of_readings=whole.of_readings[read],
+            velocity=whole.velocity
+            and (
+                whole.velocity[0][of_velocity],
+                whole.velocity[1][of_velocity],
+            ),
         )
         low, mended = bound(own)
         if low > best[0]:
@@ -288,7 +362,7 @@ def _levels(knots: Array, degree: int) -> list[tuple[Any, Array]]:
     return found
 
 
-class _BandedMatrix:
+class _Rows:
     """A matrix whose rows have few neighbouring columns, and its normal matrix as a band.
 
     Attributes:
@@ -329,6 +403,10 @@ class _BandedMatrix:
         found: Array = self._turned @ (y[:half] - y[half:])
         return found
 
+    def rounding(self, x: Array) -> float:
+        """By how much a row of `M x` may be rounded, and a little more."""
+        return _TUBE_RTOL + 1e-15 * float((self.sizes @ np.abs(x)).max())
+
     def fitted(self, count: int, values: Array, weights: Array) -> Array:
         """The x whose first rows come near to values, by weighted least squares."""
         from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -362,7 +440,7 @@ class _Newton:
         primal, dual, dual_s: Residuals.
     """
 
-    rows: _BandedMatrix
+    rows: _Rows
     u: Array
     w: Array
     y: Array
@@ -401,7 +479,7 @@ class _Newton:
         return dx, ds, dw, (complement - self.y * dw) / self.w
 
 
-def _interior_point(rows: _BandedMatrix, b: Array, u: Array, x: Array) -> tuple[Array, Array]:
+def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, Array]:
     """Solve min s with `[M; −M] x − s u ≤ b` by Mehrotra's method (SIAM J. Optim. 2, 1992).
 
     Returns:
@@ -420,7 +498,7 @@ def _interior_point(rows: _BandedMatrix, b: Array, u: Array, x: Array) -> tuple[
         system = _Newton(rows, u, w, y, primal, -rows.back(y), 1 - _dot(u, y))
         mu = _dot(w, y) / size
         if iteration % 8 == 0:
-            rounding = 1e-9 + 1e-15 * float((rows.sizes @ np.abs(x)).max())
+            rounding = rows.rounding(x)
         converged = mu * size < _GAP_RTOL * s and abs(system.dual_s) < 1e-6
         if (converged and np.abs(primal).max() < rounding) or short > _MAX_SHORT_STEPS:
             break

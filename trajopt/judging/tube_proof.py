@@ -1,28 +1,31 @@
 """Proofs that every motion within a tube uses at least some share of its limits.
 
-One joint is known to be within `d_i` of `q_i` at the times `t_i`. Its derivatives of order 1 … r
-have limits `[low_k, high_k]`. Any numbers `λ_i` of samples and `μ_kj` of the k-th derivative at
-times `x_kj`, k < r, prove a bound. Let
+One joint is known to be within `d_i` of `q_i` at the times `t_i`, and its velocity perhaps within
+`e_l` of `v_l` at the times `y_l`. Its derivatives of order 1 … r have limits `[low_k, high_k]`;
+those of the velocity may depend on the time. Any numbers `λ_i` of samples, `ν_l` of velocities and
+`μ_kj` of the k-th derivative at times `x_kj`, k < r, prove a bound. Let
 
-    g(x) = −Σ_i λ_i (t_i − x)₊^(r−1) / (r−1)! − Σ_kj μ_kj (x_kj − x)₊^(r−1−k) / (r−1−k)!     (1)
+    g(x) = −Σ_i λ_i (t_i − x)₊^(r−1) / (r−1)! − Σ_l ν_l (y_l − x)₊^(r−2) / (r−2)!
+           − Σ_kj μ_kj (x_kj − x)₊^(r−1−k) / (r−1−k)!                                        (1)
 
-If no polynomial of degree below r contributes to `Σ λ_i q(t_i) + Σ μ_kj q⁽ᵏ⁾(x_kj)`, Taylor's
-formula gives, for every motion q,
+If no polynomial of degree below r contributes to `Σ λ_i q(t_i) + Σ ν_l q′(y_l) +
+Σ μ_kj q⁽ᵏ⁾(x_kj)`, Taylor's formula gives, for every motion q,
 
-    −Σ λ_i q(t_i) = Σ μ_kj q⁽ᵏ⁾(x_kj) + ∫ g q⁽ʳ⁾ dx                                           (2)
+    −Σ λ_i q(t_i) − Σ ν_l q′(y_l) = Σ μ_kj q⁽ᵏ⁾(x_kj) + ∫ g q⁽ʳ⁾ dx                           (2)
 
 A motion that uses the share s of its limits makes the right side at most s times the cost
 
     Σ max(high_k μ_kj, low_k μ_kj) + ∫ max(high_r g, low_r g) dx                              (3)
 
-and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i`. So s is at least gain / cost.
-Above 1, no motion keeps the limits. Nothing of whoever found the numbers is trusted.
+and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i − Σ ν_l v_l − Σ |ν_l| e_l`. So s
+is at least gain / cost. Above 1, no motion keeps the limits. Nothing of whoever found the numbers
+is trusted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import factorial
 
@@ -37,6 +40,28 @@ _LOST_SHARE = 1e-7  # of a piece's area: a root that loses less is not worth a b
 
 
 @dataclass(frozen=True, eq=False)
+class Readings:
+    """Velocities that are known within half widths, `(readings,)` each.
+
+    Attributes:
+        times: s.
+        values: rad/s.
+        half: Positive, rad/s.
+    """
+
+    times: Array
+    values: Array
+    half: Array
+
+    def of(self, index: slice | Array) -> Readings:
+        """Some of them."""
+        return Readings(self.times[index], self.values[index], self.half[index])
+
+
+NO_READINGS = Readings(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
 class TubeProof:
     """Numbers that prove a bound.
 
@@ -48,6 +73,10 @@ class TubeProof:
         multipliers: `λ_i`, `(samples,)`.
         derivatives: For each order below r the times `x_kj` and the numbers `μ_kj`.
         roots: Times at which g changes its sign within a piece.
+        readings: `y_l`, `v_l` and `e_l`.
+        of_readings: `ν_l`, `(readings,)`.
+        velocity: Limits of the velocity at the times `x_1j`, low and high; by default the constant
+            ones.
     """
 
     limits: Sequence[Limit]
@@ -57,6 +86,17 @@ class TubeProof:
     multipliers: Array
     derivatives: Sequence[tuple[Array, Array]]
     roots: Array
+    readings: Readings = NO_READINGS
+    of_readings: Array = field(default_factory=lambda: np.zeros(0))
+    velocity: tuple[Array, Array] | None = None
+
+    def bounds(self, order: int) -> tuple[Array, Array]:
+        """The limits of a derivative below r at its times `x_kj`, low and high."""
+        if order == 1 and self.velocity is not None:
+            return self.velocity
+        low, high = self.limits[order - 1]
+        count = len(self.derivatives[order - 1][0])
+        return np.full(count, low), np.full(count, high)
 
 
 def proved(proof: TubeProof) -> Fraction:
@@ -71,7 +111,13 @@ def proved(proof: TubeProof) -> Fraction:
     # What a time adds to the derivatives r−1, r−2, … of g, from the last time to the first.
     events: dict[Fraction, list[Fraction]] = {}
     own = [(_exact(points), _exact(values)) for points, values in proof.derivatives]
-    for order, (points, values) in enumerate([(t, multipliers), *own]):
+    readings = proof.readings
+    y, v, e, of_readings = map(
+        _exact, (readings.times, readings.values, readings.half, proof.of_readings)
+    )
+    conditions = [(0, t, multipliers), (1, y, of_readings)]
+    conditions += [(order, *pair) for order, pair in enumerate(own, start=1)]
+    for order, points, values in conditions:
         for x, value in zip(points, values, strict=True):
             events.setdefault(x, [zero] * r)[r - 1 - order] -= value
     for x in _exact(proof.roots):
@@ -92,8 +138,9 @@ def proved(proof: TubeProof) -> Fraction:
         cost += h * sum(max(high * c, low * c) for c in corners) / 3
         g = [end, g[1] + h * g[2], g[2]]
     gain = zero
-    for multiplier, position, width in zip(multipliers, q, d, strict=True):
-        gain -= multiplier * position + abs(multiplier) * width
+    known = [*zip(multipliers, q, d, strict=True), *zip(of_readings, v, e, strict=True)]
+    for multiplier, value, width in known:
+        gain -= multiplier * value + abs(multiplier) * width
     # What is left at the first time multiplies the motion's derivatives there.
     gain -= abs(g[r - 1]) * (abs(q[0]) + d[0])
     for order in range(1, r):
@@ -105,7 +152,9 @@ def proved(proof: TubeProof) -> Fraction:
                 return zero  # an unlimited derivative may make the right side any number
             continue
         cost += rest * max(limit[1], -limit[0])
-        cost += sum(max(limit[1] * value, limit[0] * value) for value in values)
+        lows, highs = map(_exact, proof.bounds(order))
+        triples = zip(values, lows, highs, strict=True)
+        cost += sum((max(high * own, low * own) for own, low, high in triples), zero)
     return gain / cost if cost else zero
 
 
@@ -121,10 +170,11 @@ def bound(proof: TubeProof) -> tuple[float, TubeProof]:
     """
     r = len(proof.limits)
     multipliers = _mended(proof)
-    counts = [len(proof.times), *(len(points) for points, _ in proof.derivatives)]
-    when = np.concatenate([proof.times, *(points for points, _ in proof.derivatives)])
-    size = np.concatenate([multipliers, *(values for _, values in proof.derivatives)])
-    order = np.repeat(np.arange(r), counts)
+    readings = proof.readings
+    counts = [len(proof.times), *(len(x) for x, _ in proof.derivatives), len(readings.times)]
+    when = np.concatenate([proof.times, *(x for x, _ in proof.derivatives), readings.times])
+    size = np.concatenate([multipliers, *(mu for _, mu in proof.derivatives), proof.of_readings])
+    order = np.repeat([*range(r), 1], counts)
     latest = np.argsort(-when, kind="stable")
     when, size, order = when[latest], size[latest], order[latest]
     jumps = np.zeros((3, len(when)))
@@ -134,10 +184,13 @@ def bound(proof: TubeProof) -> tuple[float, TubeProof]:
     slope = np.cumsum(jumps[1] + _delayed(bend * gaps))
     value = np.cumsum(jumps[0] + _delayed(slope * gaps + bend * gaps**2 / 2))
     cost, roots = _area(value, slope, bend / 2, gaps, when, proof.limits[-1])
-    for (low, high), (_, values) in zip(proof.limits, proof.derivatives, strict=False):
+    for number, (_, values) in enumerate(proof.derivatives, start=1):
         if values.any():
+            low, high = proof.bounds(number)
             cost += float(np.maximum(high * values, low * values).sum())
     gain = -float((multipliers * proof.positions + np.abs(multipliers) * proof.half).sum())
+    known = proof.of_readings * readings.values + np.abs(proof.of_readings) * readings.half
+    gain -= float(known.sum())
     mended = replace(proof, multipliers=multipliers, roots=roots)
     return (gain / cost if cost > 0 else 0.0), mended
 
@@ -155,7 +208,10 @@ def _mended(proof: TubeProof) -> Array:
     wrong = np.zeros(r)
     for power in range(r):
         wrong[power] = (proof.multipliers * at**power).sum()
-        for order, (points, values) in enumerate(proof.derivatives, start=1):
+        of_velocities = (proof.readings.times, proof.of_readings)
+        derivatives = [(1, *of_velocities)]
+        derivatives += [(order, *own) for order, own in enumerate(proof.derivatives, start=1)]
+        for order, points, values in derivatives:
             if power >= order:
                 factor = factorial(power) / factorial(power - order) / unit**order
                 scaled = ((points - centre) / unit) ** (power - order)

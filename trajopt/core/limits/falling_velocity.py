@@ -203,6 +203,16 @@ class FallingVelocity(Limit):
             found[joint] = np.minimum(np.maximum(up, down), _SHOWN_USE)
         return found
 
+    def velocities(self, joint: int, lowest: Array, highest: Array) -> tuple[Array, Array]:
+        if not self.bounds[joint]:
+            return super().velocities(joint, lowest, highest)
+        offset, deceleration, low, high = self.rows[joint]
+        up, down = (
+            np.maximum(np.sqrt(2 * deceleration * np.maximum(distance, 0.0)) - offset, 0.0)
+            for distance in (high - lowest, highest - low)
+        )
+        return -down, up
+
     def _sides(self, motion: Trajectory) -> _Sides:
         """The motion of each limited joint towards the upper and the lower end of its range."""
         joints = np.flatnonzero(self.bounds)

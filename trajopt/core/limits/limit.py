@@ -172,6 +172,13 @@ class Limit(ABC):
         """
         return None
 
+    def velocities(self, joint: int, lowest: Array, highest: Array) -> tuple[Array, Array]:
+        """The lowest and highest velocities that it allows a joint somewhere between positions.
+
+        Infinite where it bounds none.
+        """
+        return np.full(len(lowest), -np.inf), np.full(len(lowest), np.inf)
+
     # --- words ---
 
     @classmethod
