@@ -29,7 +29,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.limits import Limits
+from trajopt.core.limits import KINDS, Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -368,12 +368,14 @@ def as_executed(
 
 
 def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:
-    """The evidence; a log is kept only if its motion keeps the limits that are no rates, too."""
+    """The evidence; a log is kept only if its motion keeps every other limit, too."""
     told = found.evidence
     if told is None or told.verdict != "kept":
         return told
     certificate = found.certificate
-    uses = [certificate.uses[key].value for key in found.problem.limits.others]
+    limits = found.problem.limits
+    unknown = limits.others if limits.segments is None else limits.kinds  # to the evidence
+    uses = [certificate.uses[key].value for key in unknown if KINDS[key].is_ratio]
     kept = max(uses, default=0.0) <= 1 + certificate.tolerance.limit
     return told if kept and valid else replace(told, verdict="cannot be told")
 

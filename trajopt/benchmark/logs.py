@@ -53,7 +53,11 @@ class LogOptions:
 def evidence_of(
     motion: Motion, limits: Limits, options: LogOptions, accelerations: Sequence[bool] = ()
 ) -> Evidence | None:
-    """Return what a log tells about the limits of its joints; None for any other motion."""
+    """Return what a log tells about the limits of its joints; None for any other motion.
+
+    Where segments differ, the widest limits count.
+    """
+    limits = limits.in_all_segments(tightest=False)
     samples = motion.samples
     if samples is None or samples.half_digits is None or len(samples.times) < 3:
         return None

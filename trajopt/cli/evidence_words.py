@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from trajopt.judgement import Execution
 from trajopt.cli import console
 from trajopt.core.limits import KINDS
+from trajopt.judgement import Execution
 from trajopt.judging.evidence import EXCESS, NOISE_DOUBT, Conviction, Evidence
 
 _SHOWN = f"{100 * EXCESS:g} %"

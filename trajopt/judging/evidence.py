@@ -29,7 +29,7 @@ from trajopt.core.limits import LIMIT_ORDERS, LimitName, Limits
 from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer, Rates, slope, tube
+from trajopt.judging.tube import BROKEN_RTOL, Rates, TubeAnswer, slope, tube
 from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings, proved
 
 if TYPE_CHECKING:
@@ -187,11 +187,12 @@ def evidence(
 
     Args:
         log: Its samples.
-        limits: Of its joints.
+        limits: Of its joints. Where segments differ, the widest counts.
         noise: Standard deviation of independent normal noise of the positions, rad.
         window: A mean excess of 5 % over this window must show for `kept`, s.
         accelerations: Whether each joint's acceleration is judged; by default all are.
     """
+    limits = limits.in_all_segments(tightest=False)
     joints = _joints(log, limits, noise, accelerations)
     resting = [own.found(rest=True) for own in joints]
     moving = list(resting)
@@ -237,7 +238,7 @@ def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> 
         waypoints: rad, `(waypoints, joints)`.
     """
     log = found.log
-    joints = _joints(log, limits, found.noise, ())
+    joints = _joints(log, limits.in_all_segments(tightest=False), found.noise, ())
     digits = np.stack([own.digits for own in joints], axis=1)
     if (
         found.motion is None

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.judging.tube_proof import NO_READINGS, Limit, TubeProof, Readings, bound
+from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings, TubeProof, bound
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
