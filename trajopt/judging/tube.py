@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings, TubeProof, bound
 
 if TYPE_CHECKING:
@@ -236,10 +236,10 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
     up, down = [np.zeros(count)], [np.zeros(count)]
     used = [order for order, (_, high) in enumerate(limits, start=1) if np.isfinite(high)]
     bounds = {order: program.bounds(order, levels[order - 1][1]) for order in used}
-    for order, (low, high) in bounds.items():
-        blocks.append(levels[order - 1][0] * (1 / high)[:, None])
-        up.append(np.ones(len(high)))
-        down.append(-low / high)
+    for order, (lowest, highest) in bounds.items():
+        blocks.append(levels[order - 1][0] * (1 / highest)[:, None])
+        up.append(np.ones(len(highest)))
+        down.append(-lowest / highest)
     matrix = vstack(blocks).tocsr()
     column = np.arange(matrix.shape[1])
     if program.rest:  # the first r coefficients are equal, and the last r
@@ -308,8 +308,8 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
         part = slice(max(first, 0), last)
         times = whole.times[part]
 
-        def inside(points: Array, times: Array = times) -> Array:
-            return np.flatnonzero((points >= times[0]) & (points <= times[-1]))
+        def inside(points: Array, times: Array = times) -> Bools:
+            return (points >= times[0]) & (points <= times[-1])
 
         derivatives = []
         for points, values in whole.derivatives:

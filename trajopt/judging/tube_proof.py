@@ -31,7 +31,7 @@ from math import factorial
 
 import numpy as np
 
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 
 Limit = tuple[float, float]
 """Low and high; infinite where a derivative has no limit."""
@@ -53,8 +53,8 @@ class Readings:
     values: Array
     half: Array
 
-    def of(self, index: slice | Array) -> Readings:
-        """Some of them."""
+    def of(self, index: Bools) -> Readings:
+        """Some of them, by a mask."""
         return Readings(self.times[index], self.values[index], self.half[index])
 
 
