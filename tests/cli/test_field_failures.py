@@ -617,7 +617,7 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
         ("per_section_minimum_duration", "in this tool; the nearest is least_times,"),
         ("desired_duration", "a speed is not asked for"),
         ("intermediate_positions", "rows of waypoints, in order, with both ends"),
-        ("per_section_max_velocity", "limits of a segment"),
+        ("per_section_max_velocity", "limits of one segment"),
         (
             "sd_start",
             "in this tool; the nearest is start_velocity,",
