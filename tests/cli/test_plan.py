@@ -397,3 +397,11 @@ def test_a_feasible_motion_that_touches_its_position_limits_is_not_beyond_them(t
     assert code == 0
     assert re.search(r"position +0 rad margin", out)
     assert "beyond" not in out
+
+
+def test_a_planner_in_its_own_process_sees_every_kind_of_limit():
+    """`explain` plans again through it: what it does not show is planned without."""
+    problem = catalogue.load("robots-franka-fr3-w4")
+    with closing(Supervised("collocation:intervals=4", problem)) as planner:
+        motion = planner.solve(problem).trajectory
+    assert verify(problem, motion).feasible

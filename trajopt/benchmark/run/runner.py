@@ -29,7 +29,9 @@ from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task
 from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import Configuration, Trial, answered, copied, now
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, TrajoptError, WorkerError
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.planner import Planner
@@ -220,6 +222,8 @@ class Supervised(Planner):
             self._allowed = Allowance()
         self.profile = profiled(contestant, [problem], self._allowed)
         self.stochastic = self.profile.stochastic
+        # the planner itself says in its process what it leaves out
+        self.knows = (*KINDS, *DEMANDS)
         self._judges = Judges()
 
     def trials(self, problem: Problem, seeds: Sequence[int]) -> list[Trial]:
