@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,15 @@ import numpy as np
 import pytest
 import yaml
 
+from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.suites import catalogue
 from trajopt.best_planner import best
 from trajopt.cli import main, plan
 from trajopt.cli.best_words import sentences
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
+from trajopt.judging.verification import verify
 from trajopt.views.export import motion_file
 
 
