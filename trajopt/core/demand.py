@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -114,6 +115,15 @@ class Demand:
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         """Raise `InvalidInput` where these numbers do not fit the limits, or the other demands."""
 
+    def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
+        """Raise `InvalidInput` where these numbers do not fit the waypoints.
+
+        Args:
+            numbers: Its numbers.
+            waypoints: `(waypoints, joints)`.
+            rounding: Of each joint's coordinates, `(joints,)`.
+        """
+
     # --- the same demand, otherwise ---
 
     def unit_size(self, lengths: Array | float = 1.0, time: float = 1.0) -> Array:
@@ -188,8 +198,95 @@ class _Times(Demand):
         return is_number(item) and item >= 0
 
 
+class _Closed(Demand):
+    """Whether the motion ends as it begins: true or false."""
+
+    _right = "true or false"
+
+    def _is_right(self, item: Any) -> bool:
+        return np.ndim(item) == 0 and item in (0, 1)
+
+    def table(self, numbers: Array) -> Any:
+        return bool(numbers)
+
+    def say(self, numbers: Array, length: str) -> str:
+        return self.name
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        others = [key for key in (*END_STATES, "dwell") if key in demands]
+        if others:
+            wrong = "a motion that waits is a problem from rest to rest"
+            if others[0] != "dwell":
+                wrong = "the states at both ends are free, and the same"
+            raise InvalidInput(self.key, f"it without {others[0]}: {wrong}", value=True)
+
+    def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
+        apart = np.abs(waypoints[-1] - waypoints[0]) > 2 * rounding
+        for joint in np.flatnonzero(apart).tolist():
+            right = f"the first waypoint again as the last, {waypoints[0, joint]:.9g}"
+            value = float(waypoints[-1, joint])
+            raise InvalidInput(f"{self.key}, last waypoint", right, value=value, joint=joint)
+
+
+class _Tolerance(Demand):
+    """How far inner waypoints may be missed: a number, a row per joint, or a row per waypoint."""
+
+    _right = "a distance of at least 0"
+
+    def _is_right(self, item: Any) -> bool:
+        return is_number(item) and item >= 0
+
+    def _numbers(self, key: str, value: Any, shape: tuple[int, ...]) -> Any:
+        if len(shape) < len(self.axes):
+            return super()._numbers(key, value, shape)
+        waypoints, joints = shape
+        if isinstance(value, str):
+            right = f"a number, {joints} of them, one per joint, or {waypoints} rows"
+            raise InvalidInput(key, right, value=value)
+        if is_number(value):
+            value = [super()._numbers(key, value, ())] * joints
+        if is_list(value) and value is not None and all(map(is_number, value)):
+            if len(value) != joints:
+                right = f"a number, {joints} of them, one per joint, or {waypoints} rows"
+                raise InvalidInput(key, right, value=value)
+            row = Demand._numbers(_PerJoint, key, value, (joints,))
+            value = [[0.0] * joints, *[row] * (waypoints - 2), [0.0] * joints]
+        return super()._numbers(key, value, shape)
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        waits = demands.get("dwell")
+        for row in np.flatnonzero(numbers.any(axis=1)).tolist():
+            if row in (0, len(numbers) - 1):
+                right = "0: the motion begins and ends exactly there"
+            elif waits is not None and waits[row]:
+                right = "0, where the motion waits"
+            else:
+                continue
+            value = float(numbers[row].max())
+            raise InvalidInput(f"{self.key}, waypoint {row + 1}", right, value=value)
+
+    def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
+        away = np.abs(waypoints - waypoints[0]) - numbers
+        if (away <= rounding).all():
+            right = "less than the way: within it the motion never moves"
+            raise InvalidInput(self.key, right, value=float(numbers.max()))
+
+    def at(self, numbers: Array, kept: Bools) -> Array:
+        """Waypoints that become one have the least tolerance of them."""
+        return np.minimum.reduceat(numbers, np.flatnonzero(kept))
+
+
 class _Dwell(_Times):
     """Waits at waypoints. They split the way: no state is given where the motion waits."""
+
+    def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
+        at = sorted({0, len(numbers) - 1, *np.flatnonzero(numbers).tolist()})
+        for first, last in pairwise(at):
+            if (np.abs(waypoints[first : last + 1] - waypoints[first]) <= rounding).all():
+                right = (
+                    f"one wait: the motion does not move from waypoint {first + 1} to {last + 1}"
+                )
+                raise InvalidInput(self.key, right, value=numbers.tolist())
 
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         for own, key in ((numbers[0], "start"), (numbers[-1], "end")):
@@ -200,6 +297,9 @@ class _Dwell(_Times):
     def at(self, numbers: Array, kept: Bools) -> Array:
         """Waits at waypoints that become one are added."""
         return np.add.reduceat(numbers, np.flatnonzero(kept))
+
+
+_PerJoint = _Tolerance("tolerance", "", ("joints",))
 
 
 def _at_end(key: str, other: str, example: str, time: int, meaning: str) -> Demand:
@@ -264,6 +364,20 @@ DEMANDS: Mapping[str, Demand] = {
             example="dwell = [0, 0.4, 0, 0]",
             left_out="relaxation",
             splits=True,
+        ),
+        _Closed(
+            "closed",
+            "ends as it begins, in motion",
+            (),
+            example="closed = true",
+        ),
+        _Tolerance(
+            "tolerance",
+            "how far inner waypoints may be missed",
+            ("waypoints", "joints"),
+            length=1,
+            example="tolerance = 0.5",
+            left_out="restriction",
         ),
     )
 }

@@ -64,6 +64,8 @@ class Route:
                 if not np.array_equal(own, demand.none(*size), equal_nan=True):
                     read[key] = own
         self.__dict__["demands"] = read
+        for key, own in read.items():
+            DEMANDS[key].check_way(own, self.waypoints, self.rounding)
 
     @property
     def joints(self) -> int:

@@ -455,13 +455,18 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
 def _jumps(problem: Problem, layout: _Layout, order: int) -> Array:
     """Jumps of a derivative at every break, `(breaks, joints)`.
 
-    Before and after the motion the robot is in the states that are asked. What jumps within brief
-    segments is the rounding of what was integrated anew.
+    Before and after the motion the robot is in the states that are asked; before a closed motion in
+    the state of its end. What jumps within brief segments is the rounding of what was integrated
+    anew.
     """
     unit = layout.trajectory.pieces(order)
     starts = unit[-1]
     stops = unit.sum(axis=0)
     route = problem.route
+    if "closed" in route.demands:  # the start takes the state of the end
+        after = np.concatenate([starts, stops[-1:]])
+        before = np.concatenate([stops[-1:], stops])
+        return np.where(layout.within_brief[:, None], 0.0, after - before)
     after = np.concatenate([starts, route.end[order - 1][None]])
     before = np.concatenate([route.start[order - 1][None], stops])
     return np.where(layout.within_brief[:, None], 0.0, after - before)

@@ -23,7 +23,7 @@ from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
-_JUDGED = (*END_STATES, "least_times", "dwell")
+_JUDGED = (*END_STATES, "least_times", "dwell", "closed", "tolerance")
 KEPT_RTOL = 1e-12  # rounding of a limit that a motion which cannot be dilated may use
 NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
@@ -260,6 +260,8 @@ def _judged(
     Where the route cannot be dilated it is the motion that has the certified duration. Flaws name
     times since `begins`, s, before the trajectory's start.
     """
+    if "tolerance" in problem.demands:
+        problem = _within_tolerance(problem, trajectory)
     if at_rest and "dwell" in problem.demands:
         return _judged_in_parts(problem, trajectory, tolerance, unjudged)
     allowed = _allowed(problem, trajectory.duration, tolerance)
@@ -356,6 +358,19 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
         f"{where(use, problem)}: {KINDS[key].name()} {KINDS[key].amount(use, problem)}, and no "
         f"slower motion keeps the {' and '.join(ends)} velocity"
     )
+
+
+def _within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
+    """The problem through points of the boxes around its waypoints: where the motion passes.
+
+    What is outside a box is to be at its nearest point.
+    """
+    passed = trajectory(trajectory.waypoint_times)
+    r = problem.demands["tolerance"]
+    low, high = problem.limits.position.T
+    inside = np.clip(passed, problem.waypoints - r, problem.waypoints + r)
+    moved = np.where(r > 0, np.clip(inside, low, high), problem.waypoints)
+    return replace(problem.without("tolerance"), waypoints=moved)
 
 
 def _least_times(problem: Problem, trajectory: Trajectory) -> Use | None:
@@ -504,7 +519,7 @@ def _worst_jump(
     """The worst jump of a derivative at any break, and its size over what is allowed.
 
     Before and after the motion the robot is at its first and last waypoint, in the states that the
-    route asks, if `at_rest`.
+    route asks, if `at_rest`; in those of the end and the start where the motion is closed.
     """
     unit = trajectory.pieces(order)
     route = problem.route
@@ -513,6 +528,8 @@ def _worst_jump(
         still = np.array([route.start[order - 1], route.end[order - 1]])
     starts = unit[-1]
     stops = unit.sum(axis=0)
+    if order > 0 and "closed" in route.demands:
+        still = np.array([stops[-1], starts[0]])
     if not at_rest:
         still = np.vstack([starts[:1], stops[-1:]])
     before = np.vstack([still[:1], stops])

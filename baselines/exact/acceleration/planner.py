@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from baselines.exact.acceleration import gaps
+from baselines.exact.acceleration import boxes, gaps
 from baselines.exact.acceleration.cells import AccelerationTables
 from baselines.exact.acceleration.demands import DemandInequalities, DemandTables
 from baselines.exact.acceleration.motion import SegmentTask, pieces
@@ -69,7 +69,7 @@ class Exact(SeveralStarts):
 
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", *END_VELOCITIES, *DEMANDS_KNOWN)
+    knows = ("velocity", "acceleration", *END_VELOCITIES, *DEMANDS_KNOWN, "tolerance")
 
     def unsupported(self, problem: Problem) -> str | None:
         return without_ipopt(self.solver, problem)
@@ -82,7 +82,21 @@ class Exact(SeveralStarts):
         """
         self.announce("exact", problem)
         known = problem.without(*self.unknown(problem))
+        if "tolerance" in problem.demands:
+            return self._within_tolerance(problem)
         return brief_steps.solved(problem, known, self._solved)
+
+    def _within_tolerance(self, problem: Problem) -> Solution:
+        """The best answer of the problem, and of those with neighbouring waypoints in one."""
+        found = []
+        for own, index in boxes.merged(problem):
+            solution = self._solved(own, None)
+            motion = solution.trajectory
+            if motion is not None:
+                motion = replace(motion, waypoint_times=motion.waypoint_times[index])
+            found.append(replace(solution, trajectory=motion))
+        solved = [own for own in found if own.trajectory is not None]
+        return min(solved or found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
 
     def _solved(self, problem: Problem, _: Array | None) -> Solution:
         """The answer for waypoints that are all exact."""
@@ -115,7 +129,7 @@ class Passing(Scaled):
         waypoints = np.array(self.problem.waypoints)
         waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
         own = copy(self)
-        own.problem = replace(self.problem.without("tolerance"), waypoints=waypoints)
+        own.problem = replace(self.problem.without("tolerance", "position"), waypoints=waypoints)
         own.tolerance = 0 * self.tolerance
         own.h = own.problem.displacements[:, self.moving] / self.units[-1]
         return own

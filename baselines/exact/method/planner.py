@@ -25,7 +25,7 @@ Start = TypeVar("Start")
 
 
 # Demands on the way that the programs of both planners have.
-DEMANDS_KNOWN = ("least_times",)
+DEMANDS_KNOWN = ("least_times", "closed")
 
 
 def without_ipopt(solver: str, problem: Problem) -> str | None:

@@ -69,9 +69,9 @@ class Scaled:
         self.end_v = end_v / v_unit
         self.end_a = end_a / a_unit
         self.h = problem.displacements[:, moving] / q_unit
-        self.closed = bool(getattr(problem.route, "closed", False))
+        self.closed = bool(route.demand("closed"))
         self.least = least / unit
-        tolerance = getattr(problem.route, "tolerance", np.zeros(problem.waypoints.shape))
+        tolerance = route.demand("tolerance")
         self.tolerance = tolerance[1 : None if self.closed else -1, moving] / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))

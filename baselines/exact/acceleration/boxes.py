@@ -1,0 +1,83 @@
+"""Waypoints within tolerance that one instant passes: problems in which these are one waypoint.
+
+Where the boxes around neighbouring waypoints overlap in every joint, the optimum may pass both at
+one instant, which the logarithm of the segment's time does not reach. So problems are solved also
+in which such neighbours are one waypoint, in the intersection of their boxes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+
+# Pairs of neighbours that are tried one by one, beside all together and none.
+MAX_PAIRS = 8
+
+
+class Merged(NamedTuple):
+    """A problem with some waypoints in one, and where each one went, `(waypoints,)`."""
+
+    problem: Problem
+    places: Indices
+
+
+def merged(problem: Problem) -> Iterator[Merged]:
+    """Yield the problem itself, then those with neighbours in one."""
+    count = len(problem.waypoints)
+    yield Merged(problem, np.arange(count))
+    pairs = np.flatnonzero(_overlapping(problem))
+    choices = [_chain(problem, pairs)]
+    if 1 < len(pairs) <= MAX_PAIRS:
+        choices += [np.isin(np.arange(count - 1), pair) for pair in pairs]
+    for joined in choices if len(pairs) else ():
+        found = _joined(problem, joined)
+        if found is not None:
+            yield found
+
+
+def _box(problem: Problem) -> tuple[Array, Array]:
+    r = problem.route.demand("tolerance")
+    return problem.waypoints - r, problem.waypoints + r
+
+
+def _overlapping(problem: Problem) -> Bools:
+    """Which segments may take no time, `(segments,)`."""
+    low, high = _box(problem)
+    overlaps = np.maximum(low[:-1], low[1:]) <= np.minimum(high[:-1], high[1:])
+    return np.asarray(overlaps.all(axis=1) & (problem.route.demand("least_times") == 0))
+
+
+def _chain(problem: Problem, pairs: Indices) -> Bools:
+    """Segments that take no time, from the first on as many as there is an intersection for."""
+    low, high = _box(problem)
+    found = np.zeros(problem.segments, dtype=bool)
+    least, most = low[0], high[0]
+    for k in range(problem.segments):
+        both = np.maximum(least, low[k + 1]), np.minimum(most, high[k + 1])
+        found[k] = k in pairs and bool((both[0] <= both[1]).all())
+        least, most = both if found[k] else (low[k + 1], high[k + 1])
+    return found
+
+
+def _joined(problem: Problem, joined: Bools) -> Merged | None:
+    """The problem in which these segments take no time; None where nothing is left to move."""
+    index = np.append(0, np.cumsum(~joined))
+    first = np.flatnonzero(np.diff(index, prepend=-1))
+    low, high = _box(problem)
+    low = np.maximum.reduceat(low, first)
+    high = np.minimum.reduceat(high, first)
+    route = problem.route.at(np.diff(index, prepend=-1) > 0)
+    demands = {**route.demands, "tolerance": (high - low) / 2}
+    limits = problem.limits.of_segments(np.flatnonzero(~joined))
+    try:
+        own = replace(problem, waypoints=(low + high) / 2, demands=demands, limits=limits)
+    except InvalidInput:
+        return None
+    return Merged(own, index)

@@ -1,0 +1,120 @@
+"""Waypoints within tolerance: from the file to the optimum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration import Exact
+from baselines.ruckig_ import RuckigStop
+from trajopt import Limits, Problem
+from trajopt.core.exceptions import InvalidInput
+from trajopt.judging.verification import verify
+
+WAYPOINTS = [[0.0, 0.0], [1.0, 0.5], [2.0, 0.0], [2.5, 1.0]]
+LIMITS = Limits([2.0, 2.0], [4.0, 3.0])
+
+
+def duration(problem):
+    motion = Exact().solve(problem).trajectory
+    certificate = verify(problem, motion)
+    assert certificate.feasible
+    return certificate.certified_duration
+
+
+def test_a_turn_at_the_near_side_of_the_box():
+    """From 0 to 0.85 and back, at velocity 1 and acceleration 2: 2 (0.85 + 0.5) s."""
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([1.0], [2.0]), tolerance=0.15)
+    assert duration(problem) == pytest.approx(2.7, rel=1e-9)
+
+
+def test_an_optimum_of_an_independent_transcription():
+    """IPOPT, each joint with its own pieces of constant acceleration, seven of eight starts."""
+    problem = Problem(
+        [
+            [0, 0],
+            [0.715109, 0.450965],
+            [1.862915, -0.350989],
+            [-0.425134, -0.236242],
+            [-1.036809, -0.26342],
+        ],
+        Limits([1.387653, 1.296697], [3.195667, 1.824948]),
+        tolerance=0.05,
+    )
+    assert duration(problem) == pytest.approx(4.279624490079625, rel=1e-9)
+
+
+def test_wider_never_takes_longer():
+    rows = [0.0, 0.001, 0.02, [0.05, 0.02], [[0, 0], [0.2, 0.05], [0.05, 0.1], [0, 0]]]
+    found = [duration(Problem(WAYPOINTS, LIMITS, tolerance=row)) for row in rows]
+    assert np.diff(found).max() <= 1e-9
+    assert found[0] == pytest.approx(duration(Problem(WAYPOINTS, LIMITS)), rel=1e-12)
+
+
+def test_one_instant_may_pass_two_waypoints():
+    """Boxes that overlap ask nothing of a straight line through them: rest to rest, 0 to 2."""
+    limits = Limits([1.0, 1.0], [1.0, 1.0])
+    straight = duration(Problem([[0.0, 0.0], [2.0, 2.0]], limits))
+    waypoints = [[0.0, 0.0], [1.05, 0.95], [0.95, 1.05], [2.0, 2.0]]
+    problem = Problem(waypoints, limits, tolerance=0.1)
+    assert duration(problem) == pytest.approx(straight, rel=1e-9)
+    assert duration(problem) < 0.99 * duration(Problem(waypoints, limits))
+    motion = Exact().solve(Problem([[0.0, 0.0], [2.0, 2.0]], limits)).trajectory
+    halfway = motion.duration / 2
+    times = np.array([0.0, halfway, halfway, motion.duration])
+    assert verify(problem, replace(motion, waypoint_times=times)).feasible
+    apart = Problem(waypoints, limits, tolerance=0.1, least_times=[0, 0.5, 0])
+    assert np.diff(Exact().solve(apart).trajectory.waypoint_times)[1] >= 0.5 * (1 - 1e-12)
+
+
+def test_a_miss_counts_from_the_side_of_the_box():
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([1.0], [2.0]), tolerance=0.15)
+    near = Problem([[0.0], [0.8], [0.0]], Limits([1.0], [2.0]))
+    certificate = verify(problem, Exact().solve(near).trajectory)
+    assert certificate.flaws[0].startswith("joint 1 at 1.3 s: misses the waypoint by 0.05 rad")
+    inside = Problem([[0.0], [1.1], [0.0]], Limits([1.0], [2.0]))
+    assert verify(problem, Exact().solve(inside).trajectory).feasible
+
+
+def test_a_planner_of_exact_points_keeps_it():
+    problem = Problem(WAYPOINTS, LIMITS, tolerance=0.1)
+    exact_points = RuckigStop().solve(problem).trajectory
+    assert verify(problem, exact_points).feasible
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "message"),
+    [
+        (-1, "tolerance is -1: expected a distance of at least 0"),
+        ("wide", "tolerance is 'wide': expected a number, 2 of them, one per joint, or 4 rows"),
+        ([1, 2, 3], r"tolerance is \[1, 2, 3\]: expected a number, 2 of them, one per joint"),
+        ([[0, 0], [0, 0], [0, 0], [0.1, 0]], "tolerance, waypoint 4 is 0.1: expected 0: the mot"),
+    ],
+)
+def test_one_line_says_what_is_wrong(tolerance, message):
+    with pytest.raises(InvalidInput, match=message):
+        Problem(WAYPOINTS, LIMITS, tolerance=tolerance)
+
+
+def test_it_must_leave_a_way():
+    with pytest.raises(InvalidInput, match="within it the motion never moves"):
+        Problem([[0.0], [0.1], [0.0]], Limits([1.0], [2.0]), tolerance=0.15)
+    with pytest.raises(InvalidInput, match=r"tolerance, waypoint 2 is 0.1: expected 0, where"):
+        Problem(WAYPOINTS, LIMITS, tolerance=0.1, dwell=[0, 1, 0, 0])
+
+
+def test_a_file_says_it_in_the_unit_of_the_waypoints(tmp_path):
+    file = tmp_path / "near.toml"
+    file.write_text(
+        "waypoints = [[0, 0], [90, 100], [0, 300]]\ntolerance = [9, 5]\n"
+        'units = { waypoints = ["deg", "mm"], limits = ["deg", "m"] }\n'
+        "[limits]\nvelocity = [180, 0.5]\nacceleration = [360, 1]\n",
+        encoding="utf-8",
+    )
+    problem = Problem.from_toml(file)
+    assert problem.tolerance[1] == pytest.approx([np.pi / 20, 0.005])
+    assert not problem.tolerance[[0, 2]].any()
+    file.write_text(problem.to_toml(), encoding="utf-8")
+    assert Problem.from_toml(file) == problem
