@@ -287,7 +287,31 @@ def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
         coefficients, bounds = costates.rows(relaxation, alike)
         rows.coefficients[numbers, :ROW_ENTRIES] = coefficients
         rows.bounds[numbers] = bounds
+    _count_given_with_time(relaxation, rows, given)
     return rows
+
+
+def _count_given_with_time(
+    relaxation: Relaxation, rows: BoundConstraints, given: Sequence[Cut]
+) -> None:
+    """Count `α = a T` of an acceleration that is given at an end with `T`.
+
+    The rounding of the sum of both coefficients is paid for where `T` is longest.
+    """
+    for entry in (ROW_ENTRIES - 2, ROW_ENTRIES - 1):
+        (numbers,) = np.nonzero(rows.columns[:, entry] == rows.columns[:, 0])
+        if not len(numbers):
+            continue
+        cut = [given[number] for number in numbers.tolist()]
+        factors = [relaxation.row_factors(own.segment, own.joint) for own in cut]
+        added = rows.coefficients[numbers, entry] * np.array(factors)[:, entry]
+        size = np.abs(rows.coefficients[numbers, 0]) + np.abs(added)
+        bounds = rows.bounds[numbers]
+        rounding = ROUNDING_RTOL * (size * relaxation.cutoff + np.abs(bounds))
+        rows.bounds[numbers] = bounds + rounding
+        rows.coefficients[numbers, 0] += added
+        rows.coefficients[numbers, entry] = 0.0
+        rows.columns[numbers, entry] = relaxation.nothing
 
 
 def _check_cells(relaxation: Relaxation, row: Cut) -> None:

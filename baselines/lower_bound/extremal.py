@@ -128,6 +128,7 @@ def _violations(relaxation: Relaxation, x: Array, cells: Array) -> tuple[Array, 
     given = Costates(segments, joints, cells.reshape(-1, *cells.shape[3:]))
     coefficients, bounds = costates.rows(relaxation, given)
     values = x[relaxation.every_row_columns[segments, joints]]
+    values = values * relaxation.every_row_factors[segments, joints]
     terms = coefficients * values
     # the right-hand side holds those of T and Q
     costs = bounds - terms[:, 0] - terms[:, 2]
@@ -172,7 +173,7 @@ def families(point: NormalisedSegment) -> list[Array]:
 def _points(relaxation: Relaxation, x: Array) -> NormalisedSegment:
     """Return all segments and joints, then their mirror images: `(2, segments, joints)`."""
     v0, v1 = x[relaxation.velocity_at]
-    after, before = x[relaxation.scaled_at]
+    after, before = x[relaxation.scaled_at] * relaxation.scaled_factors
     time = x[relaxation.time][:, None]
     square = x[relaxation.square][:, None]
     j_down, j_up = relaxation.j

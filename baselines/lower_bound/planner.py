@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from trajopt.core.demand import names
+from trajopt.core.demand import END_STATES, names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
@@ -42,7 +42,7 @@ class Prove(Planner):
 
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
-    knows = (*LIMIT_NAMES, FallingVelocity.key, "least_times", "dwell")
+    knows = (*LIMIT_NAMES, FallingVelocity.key, *END_STATES, "least_times", "dwell")
     drops = True
 
     def __post_init__(self) -> None:

@@ -68,7 +68,8 @@ class Relaxation:
     """A problem's variables, the box that they start in, and the rows that enclose its curves.
 
     A variable that a segment lacks (the motion rests at its ends) is the last one, always 0. In a
-    closed motion the last waypoint has a state, which is the first one's.
+    closed motion the last waypoint has a state, which is the first one's. A velocity or
+    acceleration at an end that is asked is a variable with one value.
 
     Attributes:
         cutoff: Only motions shorter than this are asked about, in `time_unit`.
@@ -87,8 +88,10 @@ class Relaxation:
             `(states, joints)`.
         before, after: Variables `a T` of the segments before and after a waypoint, likewise.
         segment_before, segment_after: The segments on both sides of such a waypoint, `(states,)`.
+        end_states: Velocities and accelerations at the motion's ends, `(2 orders, 2 ends, joints)`.
         velocity_at, acceleration_at, scaled_at: Variables `v`, `a`, `a T` at the start and the end
-            of each segment, `(2 ends, segments, joints)`.
+            of each segment, `(2 ends, segments, joints)`. Where `a` is given, the last is `T`, to
+            be multiplied by `scaled_factors`, 1 elsewhere.
     """
 
     def __init__(
@@ -108,8 +111,15 @@ class Relaxation:
         self.h = np.diff(waypoints, axis=0) / lengths
         self.a = _sizes(limits.acceleration[moving], lengths / time_unit**2)
         velocity = _sizes(limits.velocity[moving], lengths / time_unit)
-        # the motion starts and ends at rest: peak / A1 + peak / A2 ≤ cut-off
-        reached = self.cutoff / (1 / self.a).sum(axis=0)
+        route = problem.route
+        units = lengths / time_unit ** np.array([[1.0], [2.0]])
+        ends = np.stack([route.start, route.end], axis=1)[..., moving]
+        self.end_states = ends / units[:, None]
+        # from the velocity at the start to a peak and from it to the one at the end: each change of
+        # velocity takes its size over A1 or A2, and both together the cut-off at most
+        slowness = 1 / self.a
+        gained = (np.abs(self.end_states[0]) * slowness.max(axis=0)).sum(axis=0)
+        reached = (self.cutoff + gained) / slowness.sum(axis=0)
         reached *= 1 + ROUNDING_RTOL
         self.v = np.minimum(velocity, reached)
         jerk = _sizes(limits.jerk[moving], lengths / time_unit**3)
@@ -152,11 +162,23 @@ class Relaxation:
         self.inverse = self.time + segments
         self.square = self.time + 2 * segments
         self.velocity, self.acceleration, self.before, self.after = states
-        self.nothing = 3 * segments + states.size
+        first = 3 * segments + states.size
+        self.given = first + np.arange(self.end_states.size).reshape(self.end_states.shape)
+        self.nothing = first + self.end_states.size
         self.variables = self.nothing + 1
         self.velocity_at = self._at_ends(self.velocity, self.velocity)
         self.acceleration_at = self._at_ends(self.acceleration, self.acceleration)
         self.scaled_at = self._at_ends(self.after, self.before)
+        self.scaled_factors = np.ones(self.scaled_at.shape)
+        for end, segment in ((0, 0), (1, -1)):
+            velocity, acceleration = self.end_states[:, end] != 0
+            place = end, segment
+            variable, rate = self.given[:, end]
+            self.velocity_at[place] = np.where(velocity, variable, self.velocity_at[place])
+            self.acceleration_at[place] = np.where(acceleration, rate, self.acceleration_at[place])
+            scaled = np.where(acceleration, self.time[segment], self.scaled_at[place])
+            self.scaled_at[place] = scaled
+            self.scaled_factors[place] = np.where(acceleration, self.end_states[1, end], 1.0)
 
     def _at_ends(self, after: Indices, before: Indices) -> Indices:
         """Variables at both ends of each segment, from those on both sides of waypoints."""
@@ -177,13 +199,15 @@ class Relaxation:
         x[self.time] = moving / unit
         x[self.velocity] = velocities * unit
         x[self.acceleration] = accelerations * unit**2
+        x[self.given] = self.end_states
         return x
 
     def row_columns(self, segment: int, joint: int) -> Indices:
         """Return the variables of one segment and joint.
 
         Returns:
-            `T, S, Q`, velocity at both ends, `α` at both ends: `(7,)`.
+            `T, S, Q`, velocity at both ends, `α` at both ends: `(7,)`. Where the acceleration at an
+            end is given, `T` in place of `α` (`row_factors`).
         """
         columns = np.full(ROW_ENTRIES, self.nothing)
         columns[0] = self.time[segment]
@@ -199,6 +223,20 @@ class Relaxation:
         return np.array(
             [
                 [self.row_columns(segment, joint) for joint in range(self.joints)]
+                for segment in range(self.segments)
+            ]
+        )
+
+    def row_factors(self, segment: int, joint: int) -> Array:
+        """By what the variables of `row_columns` are multiplied, `(7,)`."""
+        return np.append(np.ones(ROW_ENTRIES - 2), self.scaled_factors[:, segment, joint])
+
+    @cached_property
+    def every_row_factors(self) -> Array:
+        """The same of all segments and joints, `(segments, joints, 7)`."""
+        return np.array(
+            [
+                [self.row_factors(segment, joint) for joint in range(self.joints)]
                 for segment in range(self.segments)
             ]
         )
@@ -227,6 +265,7 @@ class Relaxation:
         for state in np.flatnonzero(self.waits[1:-1]):
             at_rest = [self.velocity[state], self.acceleration[state]]
             low[at_rest] = high[at_rest] = 0.0
+        low[self.given] = high[self.given] = self.end_states
         return self.completed(VariableBounds(low, high))
 
     def completed(self, box: VariableBounds) -> VariableBounds:

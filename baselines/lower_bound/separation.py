@@ -65,6 +65,7 @@ class Separation:
         below = relaxation.below[segment, joint]
         self.slack = np.array([-below, relaxation.above[segment, joint]])
         self.columns = relaxation.row_columns(segment, joint)
+        self.factors = relaxation.row_factors(segment, joint)
         self.acts = relaxation.falling.acts[:, segment, joint]
         self.time = 1.0
         self.places = np.array([[0.5], [np.nan]])
@@ -79,7 +80,7 @@ class Separation:
             x: The relaxation's variables.
             tolerance: Least violation of a row of cost 1.
         """
-        point = x[self.columns]
+        point = x[self.columns] * self.factors
         if self.acts.any() and abs(np.log(point[0] / self.time)) > _SAME_TIME_RTOL:
             self.time = float(point[0])
             self._build(np.append(self.starts, 1.0))

@@ -1,0 +1,67 @@
+"""Lower bounds of motions that begin or end in motion, against closed forms and Ruckig's optima."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from baselines.lower_bound import dual_check
+from baselines.lower_bound.bound import prove
+from baselines.lower_bound.branching import branch_and_bound
+from baselines.lower_bound.planner import Prove
+from experiments.soaks.moving_ends import drawn, optimum
+from trajopt import Limits, Problem, Status
+from trajopt.core.exceptions import InvalidInput
+
+WITHIN = 1e-4
+
+
+def bound_of(problem, target, seconds=20.0):
+    """The bound of a search that is asked about motions up to a target, s."""
+    return branch_and_bound(problem, target, WITHIN, time.perf_counter() + seconds)
+
+
+@pytest.mark.parametrize("jerk", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bound_of_two_waypoints_is_ruckigs_optimum(seed, jerk):
+    problem = drawn(2 * seed + jerk, joints=2, jerk=jerk)
+    shortest = optimum(problem).duration
+    found = bound_of(problem, shortest / (1 + WITHIN))
+    assert 1 - 2 * WITHIN < found.lower_bound / shortest <= 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_through_waypoints_upper_and_lower_bound_meet(seed):
+    bound = prove(drawn(seed, waypoints=4, joints=2, jerk=False), time_limit=20)
+    assert bound.status == "proved"
+    assert bound.proved_within <= WITHIN * (1 + 1e-9)
+
+
+def test_the_bound_sees_through_a_gap():
+    """Asked about a motion that passes after the gap, it stops at the one before it.
+
+    One joint of 1 rad/s² at 1 rad/s passes 0.2 rad after 1 − √0.6 s, or from 1 + √0.6 s on, and is
+    to stop at 1 rad: `p = √(1 + 1/2)` and T = 2 p − 1 in one go.
+    """
+    problem = Problem([[0.0], [0.2], [1.0]], Limits([9.0], [1.0]), start_velocity=[1.0])
+    best = 2 * np.sqrt(1.5) - 1
+    found = bound_of(problem, 1.75 * best, seconds=1.0)
+    assert 1 - 1e-3 < found.lower_bound / best <= 1
+
+
+def test_a_proof_is_of_its_own_ends():
+    problem = drawn(0, joints=2, jerk=False)
+    solution = Prove().solve(problem)
+    assert solution.status is Status.SOLVED
+    again = Prove().stored_bound(problem, solution.stats)
+    assert again == pytest.approx(solution.lower_bound, rel=1e-12)
+    proof = dual_check.BoundProof.stored(solution.stats)
+    faster = {key: 1.3 * own for key, own in problem.demands.items()}
+    other = Problem(problem.waypoints, problem.limits, demands=faster)
+    try:  # rows of costates are valid for any ends: what they prove of these is no more than true
+        proved = dual_check.proved_bound(other, proof)
+    except InvalidInput:
+        return
+    assert proved <= optimum(other).duration
