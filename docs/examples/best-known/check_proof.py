@@ -13,6 +13,7 @@ from math import floor, inf, isqrt, nan
 
 RAISE, LOWER, BRANCH, LEAF = range(4)
 LIMITS = ("velocity", "acceleration", "jerk", "position")
+ENDS = [[f"{end}_{rate}" for end in ("start", "end")] for rate in ("velocity", "acceleration")]
 PLAIN = ("name", "source", "digest", "joint_names", "joint_units", "waypoints", "limits")
 DIGITS = 2**128
 SAME = Fraction(1, 2**48)  # rounding, relative to a joint's largest coordinate
@@ -122,7 +123,7 @@ claimed, stats = said["solution"]["lower_bound"], said["solution"]["stats"]
 proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.items()}
 points = said["problem"]["waypoints"]
 others = {key: x for key, x in said["problem"].items() if key not in PLAIN}
-if others.keys() - {"dwell", "least_times"}:
+if others.keys() - {"dwell", "least_times", *ENDS[0], *ENDS[1]}:
     refuse(f"{', '.join(others)}: not all of these are known here")
 least = others.get("least_times", [NONE] * (len(points) - 1))  # of each segment
 waits = others.get("dwell", [NONE] * len(points))  # at each waypoint, at rest
@@ -137,7 +138,10 @@ tables = [("", said["problem"]["waypoints"]), *(("", sided(own)) for own in pair
 others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
 if digest(tables + sorted(others.items())) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
-moving = [j for j in range(len(points[0])) if len({x[j] for x in points}) > 1]
+rest = [NONE] * len(points[0])
+ends = [[others.get(key, rest) for key in keys] for keys in ENDS]  # v, a at the start and the end
+states = [[row[j] for keys in ends for row in keys] for j in range(len(rest))]
+moving = [j for j in range(len(rest)) if len({x[j] for x in points}) > 1 or any(states[j])]
 way = [[b[j] - a[j] for j in moving] for a, b in pairwise(points)]  # segment by segment
 K, N = len(way), len(moving)
 V = [[abs(v) for v in pairs[0][j]] for j in moving]  # down and up
@@ -167,7 +171,8 @@ def farthest(time, j, sign):
 if not proof:
     total = [sum(x) for x in zip(*way, strict=True)]
     moved = claimed - sum(waits)
-    alone = any(farthest(moved, j, total[j] > 0) <= abs(total[j]) for j in range(N))
+    at_rest = not any(map(any, states))
+    alone = at_rest and any(farthest(moved, j, total[j] > 0) <= abs(total[j]) for j in range(N))
     slowest = [max(abs(h) / V[j][h > 0] for j, h in enumerate(row)) for row in way]
     holds = alone or moved <= sum(map(max, slowest, least))
     print(f"closed form: {float(claimed):.9f} s {'holds' if holds else 'does not hold'}")
@@ -183,8 +188,14 @@ U = proof["cutoff"][0] / unit
 way = [[h / sizes[j] for j, h in enumerate(row)] for row in way]
 A = [[a * unit**2 / sizes[j] for a in A[j]] for j in range(N)]
 J = [[x and x * unit**3 / sizes[j] for x in J[j]] for j in range(N)]
-for j in range(N):
-    reached = up(U / (1 / A[j][0] + 1 / A[j][1]))  # the motion starts and ends at rest
+v0, vK, a0, aK = (
+    [row[j] * unit**power / size for j, size in zip(moving, sizes, strict=True)]
+    for power, keys in enumerate(ends, start=1)
+    for row in keys
+)
+for j in range(N):  # from the start's velocity to a peak, and from there to the end's
+    gained = (abs(v0[j]) + abs(vK[j])) / min(A[j])
+    reached = up((U + gained) / (1 / A[j][0] + 1 / A[j][1]))
     V[j] = [min(v * unit / sizes[j], reached) for v in V[j]]
 for fall, size in zip(falls, sizes, strict=True):
     if fall:
@@ -321,9 +332,15 @@ def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
     if k > 0:
         place = (k - 1) * N + j
         row[v + place], row[after + place] = -q[0][0], -p[0][0]
+    else:
+        bound += q[0][0] * v0[j]
+        row[k] -= p[0][0] * a0[j]
     if k < K - 1:
         place = k * N + j
         row[v + place], row[before + place] = value(q[-1], widths[-1]), value(p[-1], widths[-1])
+    else:
+        bound -= value(q[-1], widths[-1]) * vK[j]
+        row[k] += value(p[-1], widths[-1]) * aK[j]
     return row, bound
 
 
@@ -336,7 +353,7 @@ def ramp(k, j, side):  # a₁ − a₀ ≤ J T
         row[a + (k - 1) * N + j] = -sign
     if k < K - 1:
         row[a + k * N + j] = sign
-    return row, 0
+    return row, sign * (a0[j] * (k == 0) - aK[j] * (k == K - 1))
 
 
 def corner(i, low, high):  # α between the products of a and T at the box's corners

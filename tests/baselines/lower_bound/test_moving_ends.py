@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +15,14 @@ from baselines.lower_bound import dual_check
 from baselines.lower_bound.bound import prove
 from baselines.lower_bound.branching import branch_and_bound
 from baselines.lower_bound.planner import Prove
+from baselines.ruckig_ import RuckigStop
 from experiments.soaks.moving_ends import drawn, optimum
 from trajopt import Limits, Problem, Status
+from trajopt.benchmark.store.document import pack, problem_table
 from trajopt.core.exceptions import InvalidInput
 
 WITHIN = 1e-4
+SCRIPT = Path(__file__).parents[3] / "docs" / "examples" / "best-known" / "check_proof.py"
 
 
 def bound_of(problem, target, seconds=20.0):
@@ -65,3 +72,27 @@ def test_a_proof_is_of_its_own_ends():
     except InvalidInput:
         return
     assert proved <= optimum(other).duration
+
+
+def checked(problem, bound, stats):
+    """What the script in exact fractions says of a proof."""
+    said = {"problem": problem_table(problem), "solution": {"lower_bound": bound, "stats": stats}}
+    return subprocess.run(
+        [sys.executable, "-I", SCRIPT], input=json.dumps(said), text=True, capture_output=True
+    )
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_exact_fractions_prove_the_same(seed):
+    """Two joints, three waypoints; two joints under jerk limits that begin and end accelerating."""
+    problem = drawn(seed, waypoints=2 + (seed == 2), joints=2, jerk=seed == 7)
+    solution = Prove().solve(problem)
+    stats = {key: pack(own) for key, own in solution.stats.items() if key.startswith("proof_")}
+    ran = checked(problem, solution.lower_bound, stats)
+    assert ran.returncode == 0, ran.stderr
+    assert checked(problem, 1.001 * solution.lower_bound, stats).returncode == 1
+    slower = {key: 0.5 * own for key, own in problem.demands.items()}
+    other = Problem(problem.waypoints, problem.limits, demands=slower)
+    shortest = RuckigStop().solve(other).trajectory.duration
+    ran = checked(other, shortest * (1 + 1e-6), stats)
+    assert ran.returncode == 1  # never more than a motion takes
