@@ -37,7 +37,6 @@ from trajopt.views.figures.style import (
     DASHES,
     MARKERS,
     STYLE_SHEET,
-    VERMILION,
     places,
     plain,
     power_of_ten,
@@ -48,7 +47,7 @@ Look = dict[str, Any]  # keywords of Matplotlib's artists
 
 _SHORT_DASHES = (0, (3, 2))
 _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
-_RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
+_RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "alpha": 0.6}
 
 PNG_DPI = 150
 SCREEN_DPI = 100
@@ -129,7 +128,7 @@ def durations(summary: Sequence[Line], title: str = "") -> Figure:
     if reference:
         name, time = reference
         end = len(certified) - 0.5
-        axes.vlines(time, -0.5, end, VERMILION, "--", label=name, lw=1.0, zorder=1.5)
+        axes.vlines(time, -0.5, end, BLUE, "--", label=name, lw=1.0, zorder=1.5)
     _columns(axes, certified, gaps=reference is not None)
     _statuses(axes, others, first=len(certified))
     axes.set_xlabel("certified duration (s)")
@@ -317,9 +316,10 @@ def gap_distribution(gaps: Mapping[str, Array], title: str = "") -> Figure:
     values = [groups[label] for label in labels]
     best = min(runs.min() for runs in values)
     figure, (left, right) = _row_chart([wrapped(label) for label in labels], panels=2)
-    _strips(left, values)
-    _strips(right, [np.maximum(runs - best, GAP_FLOOR) for runs in values])
-    run = Line2D([], [], label="one run", **_RUN)
+    colours = [planner_look(label, sorted(gaps))["color"] for label in labels]
+    _strips(left, values, colours)
+    _strips(right, [np.maximum(runs - best, GAP_FLOOR) for runs in values], colours)
+    run = Line2D([], [], label="one run", color=BLACK, **_RUN)
     box = Patch(label="quartiles and range", **_BOX)
     lines = _once(left, groups)
     left.set_xlabel("gap (%)")
@@ -334,15 +334,16 @@ def _once(axes: Axes, groups: Mapping[str, Array]) -> list[Line2D]:
     """A line at the gap of each planner that ran once, where it is in view."""
     low, high = axes.get_xlim()
     dashes = cycle(DASHES[1:])
-    look: Look = {"color": VERMILION, "lw": 0.9, "zorder": 0.5}
     lines = []
     for label, runs in groups.items():
         if len(runs) == 1 and low <= runs[0] <= high:
+            colour = planner_look(label, sorted(groups))["color"]
+            look: Look = {"color": colour, "lw": 0.9, "zorder": 0.5}
             lines.append(axes.axvline(runs[0], ls=next(dashes), label=wrapped(label), **look))
     return lines
 
 
-def _strips(axes: Axes, values: Sequence[Array]) -> None:
+def _strips(axes: Axes, values: Sequence[Array], colours: Sequence[str]) -> None:
     """A dot per run over a box of quartiles; the dots' heights only keep them apart."""
     ink: Look = {"color": BLACK, "lw": 0.7}
     axes.boxplot(
@@ -359,9 +360,9 @@ def _strips(axes: Axes, values: Sequence[Array]) -> None:
         whiskerprops=ink,
         capprops=ink,
     )
-    for y, runs in enumerate(values):
+    for y, (runs, colour) in enumerate(zip(values, colours, strict=True)):
         height = np.arange(len(runs)) * _GOLDEN % 1 - 0.5
-        axes.plot(np.sort(runs), y + 0.45 * height, zorder=3, **_RUN)
+        axes.plot(np.sort(runs), y + 0.45 * height, zorder=3, color=colour, **_RUN)
 
 
 # ---- shared by several ----------------------------------------------------------------------
