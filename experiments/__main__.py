@@ -8,19 +8,21 @@ from pathlib import Path
 FOLDER = Path(__file__).parent
 
 
-def questions() -> dict[str, str]:
-    """The first line of every command's docstring, by the module's name."""
+def questions(folder: Path = FOLDER, command: str = "python -m experiments.") -> dict[str, str]:
+    """Return the first line of every command's docstring, by its module's name.
+
+    Args:
+        folder: The modules'. A module is a command if its docstring says how it is run.
+        command: What stands before the module's name when it is run.
+    """
     found = {}
-    for folder in (FOLDER, FOLDER / "soaks"):
-        for file in sorted(folder.glob("[a-z]*.py")):
-            text = file.read_text(encoding="utf-8")
-            said = ast.get_docstring(ast.parse(text))
-            if said and "python -m experiments" in said and '__name__ == "__main__"' in text:
-                path = file.relative_to(FOLDER.parent).with_suffix("")
-                found[".".join(path.parts)] = said.splitlines()[0]
+    for file in sorted(folder.glob("[a-z]*.py")):
+        said = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))
+        if said and f"{command}{file.stem}" in said:
+            found[file.stem] = said.splitlines()[0]
     return found
 
 
 if __name__ == "__main__":
     for name, question in questions().items():
-        print(f"python -m {name:<36} {question}")
+        print(f"python -m experiments.{name:<16} {question}")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.soaks.forgeries import believed, changed, forgeries, record, text
+from soaks.forgeries import believed, changed, forgeries, record, text
 from trajopt import Limits, Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue

@@ -12,7 +12,10 @@ ROOT = Path(__file__).parents[1]
 STORED = ROOT / "experiments" / "stored"
 # Of docs/literature.md another test asks the same (`test_stored_numbers`).
 DOCS = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "docs").glob("*.md"))]
-PAGES = ["README.md", "experiments/README.md", *(page for page in DOCS if "literature" not in page)]
+PAGES = [
+    *("README.md", "experiments/README.md", "tests/soaks/README.md"),
+    *(page for page in DOCS if "literature" not in page),
+]
 # A table, and the line below it that says where its numbers are stored and of which code they are.
 TABLE = re.compile(
     r"^((?:\|.*\n)+)(?:\n\[Stored\]\((?P<file>[\w/.-]+\.csv)\), of code (?P<code>.*)\.\n)?", re.M

@@ -525,10 +525,16 @@ def command_page() -> None:
 
 
 def experiments_page() -> None:
-    """Copy the experiments' page, with its links as seen from here."""
+    """Copy the pages of experiments and soaks, with their links as seen from here."""
     text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
     text = text.replace("](../docs/", "](../").replace("](stored/", "](../../experiments/stored/")
+    text = text.replace("](../tests/soaks/README.md)", "](soaks.md)")
     write(DOCS / "questions" / "index.md", text)
+    text = (ROOT / "tests" / "soaks" / "README.md").read_text(encoding="utf-8")
+    text = text.replace("](../../docs/", "](../").replace(
+        "](../../experiments/README.md", "](index.md"
+    )
+    write(DOCS / "questions" / "soaks.md", text)
 
 
 def _questions(found: re.Match[str]) -> str:

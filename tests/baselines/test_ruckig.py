@@ -7,7 +7,7 @@ import pytest
 import ruckig
 
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
-from experiments.soaks.relations import drawn
+from soaks.relations import drawn
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem

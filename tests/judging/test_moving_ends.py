@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.soaks import moving_ends
+from soaks import moving_ends
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.judging.repair import repaired
 from trajopt.judging.verification import certified
@@ -110,7 +110,7 @@ def test_a_wall_at_the_start_is_left_at_the_speed_that_is_asked():
 
 
 def test_cheats_in_small():
-    """500 of them: `python -m experiments.soaks.moving_ends`."""
+    """500 of them: `python tests/soak.py moving_ends`."""
     rows = moving_ends.rows(9)
     assert (rows["certified %"] > -100 * moving_ends.CERTIFIED_BELOW).all()
     assert (rows["claimed %"] < 0).any()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.soaks.tricks import rest_to_rest, smooth_cruise, together
+from soaks.tricks import rest_to_rest, smooth_cruise, together
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory

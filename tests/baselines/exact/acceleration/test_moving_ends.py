@@ -8,7 +8,7 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration.gaps import starts
 from baselines.exact.acceleration.planner import Passing
-from experiments.soaks.moving_ends import drawn, optimum
+from soaks.moving_ends import drawn, optimum
 from trajopt import Limits, Problem, Status, verify
 
 PASSED = [[0.0, 0.0], [-2.689449, 1.636343], [-2.051154, 1.344296], [-2.363103, 1.648131]]

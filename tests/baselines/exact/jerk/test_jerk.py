@@ -15,7 +15,7 @@ from baselines.exact.jerk import ExactJerk
 from baselines.exact.method import interior_point
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
 from experiments.known_optima import one_way
-from experiments.soaks import relations
+from soaks import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
 from trajopt.benchmark.suites import families
 from trajopt.benchmark.suites.catalogue import load

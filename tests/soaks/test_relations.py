@@ -1,6 +1,6 @@
 """The relations of mathematics.md, section 8, on random problems.
 
-The same relations run on hundreds of problems in `experiments/soaks/relations.py`.
+The same relations run on hundreds of problems in `tests/soaks/relations.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
-from experiments.soaks import relations
+from soaks import relations
 from trajopt import verify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.planners import spline353

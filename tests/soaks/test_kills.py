@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from experiments import kills
+from soaks import kills
 from trajopt.benchmark.store.folder import Store, read
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL and process groups")

@@ -16,9 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.soaks import soak_report
-from experiments.soaks import tricks as families
-from experiments.soaks.tricks import Trick, least_time, rest_to_rest, tricks
+from soaks import soak_report
+from soaks import tricks as families
+from soaks.tricks import Trick, least_time, rest_to_rest, tricks
 from trajopt.benchmark.trial import verdict
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from experiments.soaks import soak_report
+from soaks import soak_report
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.store.proofs import proved
 from trajopt.benchmark.suites import literature

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from experiments import speed
+from soaks import speed
 from trajopt import Limits, Problem
 from trajopt.planners.registry import load
 

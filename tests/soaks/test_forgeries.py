@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from baselines.lower_bound.bound import prove
 from baselines.lower_bound.dual_check import LEAF, BoundProof, proved_bound
 from baselines.lower_bound.planner import Prove
-from experiments.soaks import forgeries as module
-from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, text
+from soaks import forgeries as module
+from soaks.forgeries import PROBLEMS, changed, forgeries, record, text
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.store import folder, trial_text

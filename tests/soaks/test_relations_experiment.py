@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.soaks import relations
+from soaks import relations
 from trajopt import Limits, Problem
 
 

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from experiments.soaks import forged_results as forged
-from experiments.soaks import hostile_inputs, said
-from experiments.soaks import hostile_texts as texts
+from soaks import forged_results as forged
+from soaks import hostile_inputs, said
+from soaks import hostile_texts as texts
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a process's memory, by Linux")
 

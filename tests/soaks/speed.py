@@ -1,7 +1,7 @@
 """How fast is it beside its peers? Ratios side by side, in one process, in CPU seconds.
 
-    python -m experiments.speed            # a minute
-    python -m experiments.speed --quick    # seconds, and no numbers to believe
+    python tests/soak.py speed            # a minute
+    python tests/soak.py speed --quick    # seconds, and no numbers to believe
 
 Each row is one way to do a task; `times the first` is its cost over that of the task's first row.
 The tasks: an evaluation of the 3-5-3 fitness within a search (only ours say what a candidate is
@@ -18,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cyclopts
 import numpy as np
 import pandas as pd
 from scipy.interpolate import PPoly
@@ -238,7 +237,3 @@ def main(
     table["times the first"] = table["cost"] / first
     save_table(table, output / "speed")
     print(table.to_string(index=False, float_format="{:.3g}".format))
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,7 +1,7 @@
 """Can a planner that means harm, or has an accident, spoil a comparison?
 
-    python -m experiments.soaks.nasty_planners           # 85 planners, about a minute
-    python -m experiments.soaks.nasty_planners --quick   # 8
+    python tests/soak.py nasty_planners           # 85 planners, about a minute
+    python tests/soak.py nasty_planners --quick   # 8
 
 Each runs between planners that do no harm, in a folder of its own; what it does,
 `nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
@@ -28,11 +28,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cyclopts
 import pandas as pd
 
 from experiments.common.output import progress, save_table
-from experiments.soaks.nasty import OPTIMUM, PROBLEM, Nasty, planners
+from soaks.nasty import OPTIMUM, PROBLEM, Nasty, planners
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import Trial
 from trajopt.comparison import compare
@@ -177,7 +176,3 @@ def main(output: Path = Path("results/nasty_planners"), quick: bool = False) -> 
     print(f"did harm: {len(harm)} of {len(made)}")
     if len(harm):
         sys.exit(1)
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,7 +1,7 @@
 """Can the judge be cheated? Motions that claim less than an optimum known in closed form.
 
-    python -m experiments.soaks.tricks           # some seconds
-    python -m experiments.soaks.tricks --quick   # one trick in ten
+    python tests/soak.py tricks           # some seconds
+    python tests/soak.py tricks --quick   # one trick in ten
 
 A trick is a problem whose minimum time is known in closed form, and a motion that is faster by what
 a tolerance, an overflow or rounding might let pass. `tricks.toml` lists the families. Every
@@ -26,13 +26,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cyclopts
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from experiments.common.output import say
-from experiments.soaks import soak_report
+from soaks import soak_report
 from trajopt import judgement
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
@@ -775,7 +774,3 @@ def main(output: Path = Path("results/tricks"), quick: bool = False) -> None:
     rows = pd.DataFrame([judged(trick) for trick in tried])
     believed = rows["certified %"] < -100 * CERTIFIED_BELOW
     soak_report.conclude(rows, believed, output / "tricks")
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -22,9 +22,9 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from experiments.soaks import said
-from experiments.soaks.hostile_texts import changed, drawn
-from experiments.soaks.said import ESCAPES
+from soaks import said
+from soaks.hostile_texts import changed, drawn
+from soaks.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.results_file import sealed as sealed_file
 from trajopt.benchmark.store.trial_text import seal, sealed

@@ -1,7 +1,7 @@
 """Is anything lost or torn when a run is killed? `kill -9` at random moments.
 
-    python -m experiments.kills               # 200 kills, about ten minutes
-    python -m experiments.kills --quick       # 5
+    python tests/soak.py kills               # 200 kills, about ten minutes
+    python tests/soak.py kills --quick       # 5
 
 A child process runs a small sweep. Every call with which it or a judge of it changes a file for
 good (a sync, a rename, a removal) is slowed and told. The child is killed soon after a random one
@@ -24,7 +24,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import cyclopts
 import numpy as np
 import pandas as pd
 
@@ -123,7 +122,7 @@ _PROGRAM = """
 import sys
 from pathlib import Path
 
-from experiments.kills import sweep
+from soaks.kills import sweep
 from sitecustomize import tell
 
 sweep(Path(sys.argv[1]), jobs=int(sys.argv[2]), progress=lambda own: tell(own.finished))
@@ -304,7 +303,3 @@ def main(tries: int = 200, output: Path = Path("results/kills"), quick: bool = F
     summary = table(kept(output / "kills.csv", ["kill"], cells))
     save_table(summary, output / "kills-by-step")
     print(summary.to_string())
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,8 +1,8 @@
 """Can a proof be forged? Records whose stored proof claims three times the best known duration.
 
-    python -m experiments.soaks.forgeries             # 585 forgeries, a few seconds
-    python -m experiments.soaks.forgeries --quick     # 59
-    python -m experiments.soaks.forgeries --script    # a minute: check_proof.py is asked too
+    python tests/soak.py forgeries             # 585 forgeries, a few seconds
+    python tests/soak.py forgeries --quick     # 59
+    python tests/soak.py forgeries --script    # a minute: check_proof.py is asked too
 
 Each is an honest record whose proof was changed, or replaced, by what some rounding, some unit or
 some careless reading might let pass. Its file is sealed, as a stranger could submit it. *Proved* is
@@ -24,13 +24,12 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
-import cyclopts
 import numpy as np
 import pandas as pd
 
 from experiments.common.output import say
-from experiments.soaks import soak_report
-from experiments.soaks.forged_results import resealed
+from soaks import soak_report
+from soaks.forged_results import resealed
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.store.proofs import proved
 from trajopt.benchmark.suites import catalogue
@@ -420,7 +419,3 @@ def main(
     if script:
         false |= pd.Series([confirmed(forgery) for forgery in attempts])
     soak_report.conclude(rows, false, output / "forgeries")
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -7,7 +7,7 @@ import sys
 import pandas as pd
 import pytest
 
-from experiments.soaks import nasty_planners
+from soaks import nasty_planners
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="judges and subreapers")
 

@@ -1,7 +1,7 @@
 """Do the relations of docs/mathematics.md, section 8, hold on thousands of random problems?
 
-    python -m experiments.soaks.relations                   # 2000 problems, half an hour on a core
-    python -m experiments.soaks.relations --quick           # 20 problems
+    python tests/soak.py relations                   # 2000 problems, half an hour on a core
+    python tests/soak.py relations --quick           # 20 problems
 
 A problem's rows go to `relations.csv` in `--output` as soon as they are known; running again does
 only what is missing. The table counts violations by kind, each beyond its own tolerance. What could
@@ -16,7 +16,6 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-import cyclopts
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -363,7 +362,3 @@ def main(
     compute = partial(apart, lost=lost, workers=jobs, timeout=TIMEOUT_S, start="spawn")
     summary = table(kept(output / "relations.csv", ["problem"], cells, compute))
     print(summary.to_string(float_format="{:.1e}".format))
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,11 +1,11 @@
 """Can a crafted or damaged file crash a command, or pass as a good one?
 
-    python -m experiments.soaks.hostile_inputs            # 2000 mutated and 600 crafted, 2 min
-    python -m experiments.soaks.hostile_inputs --quick    # 200 and 60
+    python tests/soak.py hostile_inputs            # 2000 mutated and 600 crafted, 2 min
+    python tests/soak.py hostile_inputs --quick    # 200 and 60
 
 Mutated: files that are shipped, of every format that is read, with bits, spans, blocks, lines,
 numbers or keys changed. Crafted: what no reader may take. Every fifth is a results file
-(`experiments.soaks.forged_results`), the others are text (`hostile_texts`). Each is read in a
+(`forged_results`), the others are text (`hostile_texts`). Each is read in a
 child process by the command that a user would type. The promise: no traceback, one line of
 error of at most 1500 characters, no escape sequence, 10 s of CPU and 500 MB at most, and no
 nonsense taken (crafted files are all refused; in mutated ones that were taken, other parsers find
@@ -21,14 +21,13 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import cyclopts
 import numpy as np
 import pandas as pd
 from pebble import ProcessExpired
 
 from experiments.common.kept import apart
 from experiments.common.output import progress, save_table
-from experiments.soaks import forged_results, hostile_texts, said
+from soaks import forged_results, hostile_texts, said
 
 WALL_S = 120.0  # for 10 s of CPU on a machine with other work
 STORED_EVERY = 5  # files
@@ -151,7 +150,3 @@ def main(
     )
     print(summary.round(1).to_string())
     sys.exit(int(found["faulty"].any()))
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

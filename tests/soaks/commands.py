@@ -1,8 +1,8 @@
 """Do the main job, its second run and a listing take less time than in another version?
 
-    python -m experiments.commands trajopt                    # the one that is installed
-    python -m experiments.commands trajopt old/bin/trajopt    # and another environment's, in turn
-    python -m experiments.commands trajopt --quick            # two seeds, once
+    python tests/soak.py commands trajopt                    # the one that is installed
+    python tests/soak.py commands trajopt old/bin/trajopt    # and another environment's, in turn
+    python tests/soak.py commands trajopt --quick            # two seeds, once
 
 Wall times of README's main command into a fresh folder, of the same command again, and of `trajopt
 list`, each command of its own. Machines are noisy: believe the ratios, which are those of medians
@@ -17,7 +17,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import cyclopts
 import pandas as pd
 
 from experiments.common.output import save_table, say
@@ -81,7 +80,3 @@ def main(
     table = medians(taken)
     save_table(table, output / "commands")
     print(table.to_string(float_format="{:.2f}".format))
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,7 +1,7 @@
 """What can a stranger's planner or file make a command believe, say, or wait for?
 
-    python -m experiments.soaks.trusted              # 28 attacks, about two minutes
-    python -m experiments.soaks.trusted --quick      # three of them
+    python tests/soak.py trusted              # 28 attacks, about two minutes
+    python tests/soak.py trusted --quick      # three of them
 
 Each attack is a planner file, a package, or a file of results, and a command that meets it in a
 process of its own, as a user would type it. *Held* says whether the command ended as it must: the
@@ -25,7 +25,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cyclopts
 import pandas as pd
 
 import trajopt
@@ -429,7 +428,3 @@ def main(output: Path = Path("results/trusted"), quick: bool = False) -> None:
     print(f"did not hold: {wrong} of {len(made)}")
     if wrong:
         sys.exit(1)
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,7 +1,7 @@
 """Can the judge be cheated with velocities at the ends? Motions that claim less than the optimum.
 
-    python -m experiments.soaks.moving_ends           # 500 motions, some minutes
-    python -m experiments.soaks.moving_ends --quick   # 20 motions
+    python tests/soak.py moving_ends           # 500 motions, some minutes
+    python tests/soak.py moving_ends --quick   # 20 motions
 
 A dilation changes the velocities at the ends, and that can be used to cheat: against its velocity
 at the start, a motion that breaks its acceleration limit by 125 % and is dilated by 1.5 takes 17 %
@@ -20,13 +20,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import cyclopts
 import numpy as np
 import pandas as pd
 
 from baselines.ruckig_ import RuckigStop
 from experiments.common.output import say
-from experiments.soaks import soak_report
+from soaks import soak_report
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
@@ -135,7 +134,3 @@ def main(
     print("certified, percent above the optimum:")
     print(said.to_string(float_format="{:.2e}".format))
     soak_report.conclude(found, believed, output / "moving_ends")
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)
