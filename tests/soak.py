@@ -23,8 +23,9 @@ def main(name: str = "", *arguments: str) -> None:
     """Run a soak with its arguments, or list all."""
     known = questions(Path(__file__).with_name("soaks"), COMMAND)
     if name in known:
-        sys.argv = [f"{COMMAND}{name}", *arguments]
-        cyclopts.run(import_module(f"soaks.{name}").main)
+        app = cyclopts.App(name=f"{COMMAND}{name}", result_action="return_value")
+        app.default(import_module(f"soaks.{name}").main)
+        app(list(arguments))
         return
     for own, question in known.items():
         print(f"{COMMAND}{own:<16} {question}")

@@ -184,9 +184,12 @@ def test_a_stored_table_names_its_command_and_its_day_and_is_printed(file):
     assert re.fullmatch(r"20\d\d-\d\d-\d\d", said["date"])
     assert kept[0][-1] == "commit"
     module = re.match(r"python -m (experiments[.\w]+)", said["command"])
+    soak = re.match(r"python tests/soak.py (\w+)", said["command"])
     if module:
         path = module[1].replace(".", "/")
         assert (ROOT / f"{path}.py").is_file()
+    elif soak:
+        assert (ROOT / "tests" / "soaks" / f"{soak[1]}.py").is_file()
     else:
         assert said["command"].startswith("trajopt ")
     assert any(
