@@ -1,14 +1,21 @@
-"""Local optima of the programs of a chain of cells, on the limits that are active there.
+"""Crossover: from near a local optimum to it, on the limits that are active there.
 
-An interior-point method only tends to an active limit. Where a limit is active and its multiplier
-is zero, as where a joint speeds up throughout a segment, both fall as the root of the barrier: the
-last half of all steps goes into that, and a ramp of 1e-7 of the segment remains.
+An interior-point method only approaches an active limit. Where a limit is active and its multiplier
+is zero, slack and multiplier both fall as the square root of the barrier. A joint that accelerates
+throughout a segment has such a limit. Half of all steps would go into it, and a ramp of 1e-7 of the
+segment would remain.
 
-So from near the optimum (`exact.method.interior_point`) Newton's method leads to it. Rows whose
-multipliers stay are equations, all others are left out, and so are rows whose multipliers become
-negative. Which rows these are the indicators of Tapia (1980) tell: from one step to the next the
-multiplier of an active row keeps its value. The result is taken where it is an optimum of the
-whole program. Else the interior-point method goes on, and this is tried again from nearer.
+So crossover takes over near the optimum, in three steps:
+
+1. *Guess the active set.* In a step of the interior point an active inequality keeps its
+   multiplier, and an inactive one keeps its slack. A degenerate one halves both. These are the
+   indicators of Tapia (1980).
+2. *Solve.* Newton's method solves the active inequalities as equations. The inactive ones are left
+   out. An inequality whose multiplier becomes negative leaves the active set.
+3. *Check.* The result is accepted if it is an optimum of the whole program and its motion is
+   reachable. Otherwise the interior point goes on, and crossover is tried again nearer the optimum.
+
+A worked example is in docs/implementation-notes.md, "Crossover".
 """
 
 from __future__ import annotations
@@ -21,7 +28,7 @@ import numpy as np
 
 from baselines.exact.method import interior_point
 from baselines.exact.method.interior_point import ROW_AXES, Arrived, Inequalities, Iterate
-from trajopt.core.arrays import Bools
+from trajopt.core.arrays import Array, Bools
 
 # Crossover is tried at these gaps, relative to the duration, and where the method has converged.
 ATTEMPTS: tuple[Arrived, ...] = (
@@ -31,87 +38,95 @@ ATTEMPTS: tuple[Arrived, ...] = (
     interior_point.converged,
 )
 MAX_STEPS = 6
-MISS_TOL = 1e-13
-# Largest entry of the Lagrangian's gradient, relative to the duration.
-SLOPE_RTOL = 1e-8
-# An active row keeps this share of its multiplier from one step to the next.
-MIN_KEPT_MULTIPLIER = 0.75
-# Weight of an equation, relative to its row's weight in the interior-point method.
+# Largest residual of an equation, or of a link between cells, that counts as zero.
+RESIDUAL_TOL = 1e-13
+# Largest entry of the Lagrangian's gradient at an optimum, relative to the duration.
+STATIONARITY_RTOL = 1e-8
+# Tapia's indicators: an active inequality keeps this share of its multiplier in a step, an inactive
+# one this share of its slack.
+MIN_KEPT = 0.75
+# Weight of an equation, relative to the weight of its inequality in the interior-point method.
 STIFFNESS = 1e3
-# Weight of a row that is left out, times its slack squared: it keeps the rest from moving further
-# than it needs.
+# Weight of an inactive inequality, times its slack squared. It keeps an unknown that no equation
+# determines from moving.
 FREE_WEIGHT = 1e-10
 MIN_SLACK = 1e-2
 FREE_MULTIPLIER = 1e-15
-# Dilations that are accepted: for rounding, and for the interior-point method's tolerances.
-ROUNDING_DILATION = 1 + 1e-12
-MAX_DILATION = 1 + 1e-9
-
+# Largest dilation of an accepted motion: after crossover, and without it.
+MAX_DILATION_CROSSED = 1 + 1e-12
+MAX_DILATION_CONVERGED = 1 + 1e-9
 
 OptimumT = TypeVar("OptimumT")
 
 
 def minimised(
-    rows: Inequalities, reached: Callable[[Any, int, float], OptimumT | None]
+    start: Inequalities, reached: Callable[[Any, int, float], OptimumT | None]
 ) -> list[OptimumT | None]:
-    """The local optimum near each start; None where the method does not converge.
+    """Return the local optimum near each initial guess; None where the method does not converge.
 
     Args:
-        rows: the program at all starts.
-        reached: the optimum of one of the starts of some rows, None where limits ask for a larger
-            dilation than this.
+        start: The program at all initial guesses.
+        reached: Returns the optimum of a guess from the program's inequalities, the guess's index
+            and the largest dilation allowed; None if its motion needs a larger one.
     """
-    starts = len(rows.times)
+    starts = len(start.times)
     optima: list[OptimumT | None] = [None] * starts
-    running = np.arange(starts)
-    # a method that diverges overflows: it has not converged
+    running = np.arange(starts)  # indices of the initial guesses without an optimum
+    # A diverging method overflows; it then counts as not converged.
     with np.errstate(all="ignore"):
-        iterate = interior_point.begun(rows)
+        iterate = interior_point.begun(start)
         for arrived in ATTEMPTS:
             iterate = interior_point.descended(iterate, arrived)
-            crossed, ended = _crossed(iterate)
-            for i in np.flatnonzero(ended).tolist():
-                optimum = reached(crossed, i, ROUNDING_DILATION)
+            crossed, done = _crossed(iterate)
+            for i in np.flatnonzero(done).tolist():
+                optimum = reached(crossed, i, MAX_DILATION_CROSSED)
                 optima[running[i]] = optimum
-                ended[i] = optimum is not None
-            if ended.all():
+                done[i] = optimum is not None
+            if done.all():
                 return optima
-            running = running[~ended]
-            iterate = iterate.of(~ended)
+            running = running[~done]
+            iterate = iterate.of(~done)
         for i in np.flatnonzero(interior_point.converged(iterate)).tolist():
-            optima[running[i]] = reached(iterate.state.rows, i, MAX_DILATION)
+            optima[running[i]] = reached(iterate.state.rows, i, MAX_DILATION_CONVERGED)
     return optima
 
 
 def _crossed(iterate: Iterate) -> tuple[Inequalities, Bools]:
-    """Newton's method on the active rows, and which starts have reached an optimum of them."""
+    """Return the program after Newton's method on the active set, and which guesses converged."""
     state = iterate.state
-    active = state.multipliers > MIN_KEPT_MULTIPLIER * iterate.before.multipliers
-    # a row that is left out counts as inactive
-    inactive = state.slacks > MIN_KEPT_MULTIPLIER * iterate.before.slacks
-    slacks = np.maximum(np.where(inactive, state.slacks, 1.0), MIN_SLACK)
-    free = FREE_WEIGHT / slacks**2
+    active = state.multipliers > MIN_KEPT * iterate.before.multipliers
+    free = _free_weights(iterate)
     weights = np.where(active, STIFFNESS * state.weights, free)
     multipliers = np.where(active, state.multipliers, FREE_MULTIPLIER)
     rows = state.rows
-    whole = np.ones(len(rows.times))
+    whole_step = np.ones(len(rows.times))
     for _ in range(MAX_STEPS):
         linear = rows.linear(multipliers, weights)
-        miss = np.where(active, rows.values, 0.0)
-        missed = np.abs(miss).max(axis=ROW_AXES)
-        met = np.maximum(missed, rows.apart) <= MISS_TOL
-        slope_tol = SLOPE_RTOL * rows.times.sum(axis=1)
-        arrived = met & (linear.slope(multipliers) <= slope_tol)
-        step, change = linear.step(multipliers - weights * miss)
-        # an equation's multiplier makes up for what the step leaves of its miss
-        multipliers = multipliers - np.where(active, weights * (miss + change), 0.0)
-        positive = (multipliers >= 0).all(axis=ROW_AXES)
-        rows = rows.after(step, whole)
-        # after one step more: what the objective hardly feels was known to a tolerance's root
-        if (arrived & positive).all():
+        residual = np.where(active, rows.values, 0.0)
+        largest_residual = np.abs(residual).max(axis=ROW_AXES)
+        feasible = np.maximum(largest_residual, rows.apart) <= RESIDUAL_TOL
+        stationary = linear.slope(multipliers) <= STATIONARITY_RTOL * rows.times.sum(axis=1)
+        step, change = linear.step(multipliers - weights * residual)
+        # The multiplier of an equation takes up the residual that the step leaves.
+        multipliers = multipliers - np.where(active, weights * (residual + change), 0.0)
+        right_sign = (multipliers >= 0).all(axis=ROW_AXES)
+        optimal = feasible & stationary & right_sign
+        # The last step is taken too: before it, degenerate directions are accurate to the root of
+        # the tolerance only.
+        rows = rows.after(step, whole_step)
+        if optimal.all():
             break
-        # a row whose multiplier is negative is no equation
         active &= multipliers >= 0
         multipliers = np.where(active, multipliers, FREE_MULTIPLIER)
         weights = np.where(active, weights, free)
-    return rows, np.asarray(arrived & positive)
+    return rows, np.asarray(optimal)
+
+
+def _free_weights(iterate: Iterate) -> Array:
+    """Return the weights of inequalities that are left out of the active set.
+
+    That of an inactive one falls with its slack. A degenerate one gets the weight of a slack of 1.
+    """
+    slacks = iterate.state.slacks
+    inactive = slacks > MIN_KEPT * iterate.before.slacks
+    return FREE_WEIGHT / np.maximum(np.where(inactive, slacks, 1.0), MIN_SLACK) ** 2

@@ -11,7 +11,7 @@ from baselines.exact.acceleration.cells import AccelerationTables
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.planner import Exact, Passing, starting_points
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables, JerkUnknowns
-from baselines.exact.method import interior_point
+from baselines.exact.method import crossover, interior_point
 from baselines.exact.method.scaled import Scaled
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import families
@@ -193,3 +193,27 @@ def test_families_of_extremes_converge() -> None:
         problems += islice(families.stream(family), 6)
     converged = [Exact(starts=1).solve(problem).stats["start_status"] for problem in problems]
     assert converged.count(["Converged"]) >= 0.9 * len(problems)
+
+
+def test_the_worked_example_of_crossover() -> None:
+    """docs/implementation-notes.md: which inequality keeps what in a step, and what is left."""
+    problem = Problem([[0.0], [1.0], [2.0]], Limits([5.0], [1.0]))
+    scaled = Passing(problem)
+    tables = AccelerationTables(scaled, starts=1)
+    ((times, velocities),) = starting_points(scaled, 1)
+    start = AccelerationInequalities(tables, tables.start(times[None], velocities[None]))
+    iterate = interior_point.descended(interior_point.begun(start), crossover.ATTEMPTS[0])
+    slacks = iterate.state.slacks / iterate.before.slacks
+    multipliers = iterate.state.multipliers / iterate.before.multipliers
+    velocity, reach = 0, 1
+    np.testing.assert_allclose(slacks[velocity], 1.0, atol=2e-3)
+    np.testing.assert_allclose(multipliers[velocity], 0.25, atol=2e-3)
+    upper, lower = 0, 1
+    np.testing.assert_allclose(slacks[reach, upper], 0.25, atol=2e-3)
+    np.testing.assert_allclose(multipliers[reach, upper], 1.0, atol=2e-3)
+    np.testing.assert_allclose(slacks[reach, lower], 0.5, atol=2e-3)
+    np.testing.assert_allclose(multipliers[reach, lower], 0.5, atol=2e-3)
+    assert scaled.unit * iterate.state.duration.item() - 2 * np.sqrt(2) > 1e-8
+    crossed, optimal = crossover._crossed(iterate)
+    assert optimal.all()
+    assert scaled.unit * crossed.times.sum() == pytest.approx(2 * np.sqrt(2), abs=1e-14)
