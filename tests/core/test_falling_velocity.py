@@ -10,6 +10,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.core import arm_file
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import FallingVelocity
+from trajopt.core.out_of_scope import out_of_scope
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified
 
@@ -227,3 +228,47 @@ def test_what_is_no_such_limit_is_refused(changes, words):
         Limits([1.0], [1.0], falling_velocity={**NEAR, **changes})
     with pytest.raises(InvalidInput, match="a table with offset"):
         Limits([1.0], [1.0], falling_velocity=[1.0])
+
+
+def test_a_file_says_the_robot_s_own_or_none(tmp_path):
+    text = """
+    robot = "franka-fr3"
+    joint_names = ["fr3_joint1", "fr3_joint6"]
+    waypoints = [[0, 90], [30, 100]]
+    units.waypoints = "deg"
+    [limits]
+    """
+    file = tmp_path / "arm.toml"
+    file.write_text(text + "falling_velocity = true")
+    own = Problem.from_toml(file)
+    file.write_text(text)
+    assert Problem.from_toml(file) == own
+    assert own.limits.kinds["falling_velocity"].rows[1, 2] == 0.54092
+    file.write_text(text + "falling_velocity = false")
+    assert Problem.from_toml(file) == own.without("falling_velocity")
+    other = text.replace("franka-fr3", "franka-panda").replace("fr3_joint", "panda_joint")
+    file.write_text(other + "falling_velocity = true")
+    with pytest.raises(InvalidInput, match="of the robot, but franka-panda has none"):
+        Problem.from_toml(file)
+    file.write_text(
+        "waypoints = [[0], [1]]\n angle_unit = 'rad'\n [limits]\n velocity = [1]\n"
+        "acceleration = [1]\n falling_velocity = true"
+    )
+    with pytest.raises(InvalidInput, match="true is the one beside a robot"):
+        Problem.from_toml(file)
+
+
+@pytest.mark.parametrize("key", ["position_based_velocity_limits", "velocity_offset"])
+def test_franka_s_own_words_are_answered_with_ours(key):
+    assert "limits.falling_velocity" in out_of_scope(key)
+
+
+def test_a_figure_s_edge_is_what_is_allowed_along_the_motion():
+    limit = falling(0.3, 6.0, -2.7501, 2.7501)
+    motion = pieces([0, 1.0], [2.0, 0.5])
+    times = np.linspace(0, 1, 9)
+    ((place, (low, high)),) = limit.edges(motion, times).items()
+    assert place == (1, 0)
+    assert (2.0 / high) == pytest.approx(limit.along(motion, times)[0], rel=1e-12)
+    assert (low <= -1).all()
+    assert limit.edges(pieces([0, 1.0], [0.0, 3.0]), times)[1, 0][1].tolist() == [0.0] * 9

@@ -22,6 +22,10 @@ _AT_ENDS = (
     "waypoints of a problem file, a number per joint"
 )
 _ELSEWHERE = {
+    r"position_based_velocity(_limits?)?|(velocity_offset|deceleration_limit)s?": (
+        "velocity limits that fall near the ends of a joint's range are limits.falling_velocity in "
+        "this tool: a table with offset, deceleration and position, or true for the robot's own"
+    ),
     r"(relative_)?(dynamics|velocity|acceleration|jerk)(_rel|_factor)": _SPEED,
     r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (
         "torques are not in this tool; the nearest are acceleration limits that the arm can keep "

@@ -252,7 +252,9 @@ def _said_units(table: Mapping[str, Any]) -> dict[str, Any]:
     A file without limits and rates of its own needs no unit for them.
     """
     rates = [key for key, own in DEMANDS.items() if own.length and own.time and key in table]
-    limits_given = bool(table.get("limits") or rates)
+    limits = table.get("limits", {})
+    numbers = [value for value in limits.values() if not isinstance(value, bool)]
+    limits_given = bool(numbers or rates)
     if "units" not in table:
         unit = table.get("angle_unit")
         if unit not in tuple(ANGLES):

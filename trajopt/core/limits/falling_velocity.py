@@ -213,6 +213,16 @@ class FallingVelocity(Limit):
         )
         return -down, up
 
+    def edges(self, motion: Trajectory, times: Array) -> Mapping[tuple[int, int], Array]:
+        found: dict[tuple[int, int], Array] = {}
+        for joint in np.flatnonzero(self.bounds).tolist():
+            offset, deceleration, low, high = self.rows[joint]
+            q = motion(times)[:, joint]
+            distances = np.maximum([q - low, high - q], 0.0)
+            down, up = np.maximum(np.sqrt(2 * deceleration * distances) - offset, 0.0)
+            found[1, joint] = np.array([-down, up])
+        return found
+
     def _sides(self, motion: Trajectory) -> _Sides:
         """The motion of each limited joint towards the upper and the lower end of its range."""
         joints = np.flatnonzero(self.bounds)

@@ -165,6 +165,13 @@ class Limit(ABC):
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
         """The use of each bounded joint, or of None, at times `(m,)`, s, for figures."""
 
+    def edges(self, motion: Trajectory, times: Array) -> Mapping[tuple[int, int], Array]:
+        """Return what it allows of derivatives along a motion, where that changes, for figures.
+
+        By order and joint: the lowest and highest value at times `(m,)`, s, `(2, m)`.
+        """
+        return {}
+
     def infeasible(self, problem: Problem) -> str | None:
         """Return why no motion through the waypoints keeps the limit; None where that is not known.
 

@@ -32,6 +32,7 @@ BEYOND = (-1e6, 1e6)  # rad, rad/s, …: the shade beyond a limit ends outside t
 MARGIN_SHARE = 0.08  # above and below the values, relative to their range
 CONSTANT_RTOL = 1e-9  # a smaller change of value is drawn as none
 CONSTANT_MARGIN = 0.05  # rad, rad/s, …: shown around a value that does not change
+EDGE_SAMPLES = 400  # of a limit that changes along the motion
 LONG_LABEL = 10  # characters; a longer name of a joint is written smaller
 
 
@@ -64,6 +65,10 @@ def motion(
     if reference:
         looks = {reference_name: _REFERENCE} | looks
         end = max(end, reference.duration)
+    edges: dict[tuple[int, int], Array] = {}
+    times_of_edges = np.linspace(0.0, trajectory.duration, EDGE_SAMPLES)
+    for own in problem.limits.kinds.values():
+        edges |= own.edges(trajectory, times_of_edges)
     for order, quantity in enumerate(quantities):
         limits = getattr(problem.limits, quantity)
         lines = [curve(trajectory, order)]
@@ -72,6 +77,9 @@ def motion(
         column = grid[:, order]
         for joint, axes in enumerate(column):
             _limits(axes, limits[joint])
+            for edge in edges.get((order, joint), ()):
+                within = np.clip(edge, limits[joint].min(), limits[joint].max())
+                axes.plot(times_of_edges, within, **_LIMIT)
             for (times, values), look in zip(lines, looks.values(), strict=True):
                 axes.plot(times, values[:, joint], **look)
             _fit(axes)
