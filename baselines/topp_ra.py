@@ -76,6 +76,7 @@ class ToppRa(Planner):
     search: int = 0
 
     requires = ("toppra",)
+    knows = ("velocity", "acceleration", "segment")
 
     def __post_init__(self) -> None:
         if self.gridpoints < 10:
@@ -189,7 +190,10 @@ def along(problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000) -
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
     the whole. The limits hold at the gridpoints only: verify the answer.
     """
-    scale = sampled_dilation(problem.without("jerk").limits, trajectory)
+    known = problem.without("jerk").limits.in_all_segments()
+    scale = sampled_dilation(known, trajectory)
+    if problem.limits.segments is not None:  # every waypoint is a gridpoint
+        trajectory = trajectory.refined(trajectory.waypoint_times)
     trajectory = _straightened(trajectory)
     trajectory = _reversed(_straightened(_reversed(trajectory)))
     for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
@@ -229,9 +233,14 @@ def _along(
         velocity=limits.velocity * unit * wider, acceleration=limits.acceleration * unit**2 * wider
     )
     slopes = np.abs(path([0.0, path.duration], order=1))
-    use = (slopes / own_limits.velocity[:, 1]).max(axis=1)
+    use = (slopes / own_limits.in_all_segments().velocity[:, 1]).max(axis=1)
     highest = np.where(use <= _STILL_RTOL, _FREE_SPEED, 0.0)
-    path_speeds, reason = _path_speeds(grid, own_limits, *highest.tolist())
+    segment = path.segments_at(grid.at[:-1] + grid.step / 2)
+    limited = tuple(
+        pairs[None] if pairs.ndim == 2 else pairs[segment]
+        for pairs in (own_limits.velocity, own_limits.acceleration)
+    )
+    path_speeds, reason = _path_speeds(grid, limited, *highest.tolist())
     if path_speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
     retimed = timed(grid, path_speeds / unit, path.waypoint_times)
@@ -353,11 +362,12 @@ def cut(path: Trajectory) -> PathGrid:
 
 
 def _path_speeds(
-    grid: PathGrid, limits: Limits, highest_start: float, highest_end: float
+    grid: PathGrid, limits: tuple[Array, ...], highest_start: float, highest_end: float
 ) -> tuple[Array | None, str]:
     """Return the path speed at every gridpoint, or None and the reason.
 
-    `highest_start` and `highest_end` are the highest speeds allowed at both ends.
+    `limits` of velocity and acceleration are `(N, joints, 2)`, or `(1, joints, 2)` where all steps
+    have the same. `highest_start` and `highest_end` are the highest speeds allowed at both ends.
     """
     interval = grid.at[[0, -1]]
     algorithm = backend("toppra").algorithm.TOPPRA(
@@ -383,7 +393,7 @@ def _path_speeds(
     return speeds, ""
 
 
-def _constraint(grid: PathGrid, limits: Limits) -> Any:
+def _constraint(grid: PathGrid, limits: tuple[Array, ...]) -> Any:
     """Return both limits on every grid interval as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
 
     With path acceleration `u`, and the squared path speed `x` where the interval starts, the
@@ -400,10 +410,10 @@ def _constraint(grid: PathGrid, limits: Limits) -> Any:
     # a joint at rest keeps its limits: its rows are left out
     moves = grid.local[:-1].any(axis=(0, 1))
     local = grid.local[:, :, moves]
-    limits = limits.only(moves)
+    velocity, acceleration = (own[:, moves] for own in limits)
     first = polynomials.derivative(local, 1) / step
     second = polynomials.derivative(local, 2) / step**2
-    low, high = limits.acceleration.T
+    low, high = np.moveaxis(acceleration, -1, 0)
     rows = []
     for node in _NODES:
         # q' u + q'' (x + 2 (s − s_i) u) between both limits
@@ -416,7 +426,7 @@ def _constraint(grid: PathGrid, limits: Limits) -> Any:
 
     # q'² (x + Δ u) ≤ V² in the middle of the step
     slope = polynomials.evaluate(first, np.array(0.5))
-    backward_limit, forward_limit = limits.velocity.T
+    backward_limit, forward_limit = np.moveaxis(velocity, -1, 0)
     top = np.where(slope > 0, forward_limit, backward_limit)
     square = slope**2
     middle = _normalised(step * square, square, -(top**2))
@@ -424,7 +434,7 @@ def _constraint(grid: PathGrid, limits: Limits) -> Any:
 
     # beside each other, for every step; toppra needs one more at the end
     a, b, c = np.concatenate(rows, axis=2)[:, [*range(len(step)), -1]]
-    bounds = _speed_bounds(first, limits.velocity)
+    bounds = _speed_bounds(first, velocity)
     # toppra's F (a u + b x + c) ≤ g, and no limit on u alone
     count = a.shape[1]
     f = np.eye(count)
@@ -448,7 +458,12 @@ def _speed_bounds(first: Array, velocity: Array) -> Array:
     """Return the bounds `0 ≤ x ≤ (V / q')²` at the gridpoints, `(N + 1, 2)`."""
     last = first[:, -1:].sum(axis=0)
     slope = np.concatenate([first[-1], last])
-    slowest, fastest = velocity.T
+    slowest, fastest = np.moveaxis(velocity, -1, 0)
+    if len(velocity) > 1:  # at a gridpoint the limits of the steps on both sides
+        steps = np.arange(len(velocity))
+        before, after = np.append(0, steps), np.append(steps, steps[-1])
+        slowest = np.maximum(slowest[before], slowest[after])
+        fastest = np.minimum(fastest[before], fastest[after])
     forwards = slope / fastest
     backwards = slope / slowest
     by_joint = np.maximum(forwards, backwards)

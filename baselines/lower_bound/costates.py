@@ -154,7 +154,7 @@ class _Parts(NamedTuple):
         ends[:, :-1] = starts[:, 1:]
         # rounding the width of a cell only moves what is integrated by its last digit
         widths = ends - starts
-        jerk = relaxation.j[:, given.joints, None]
+        jerk = relaxation.j[:, given.segments, given.joints, None]
         p0 = _one_sided((p0, p1, p2), widths, jerk)
         acts = relaxation.falling.acts[:, given.segments, given.joints, None]
         turning = q1 + slope
@@ -168,8 +168,8 @@ class _Parts(NamedTuple):
             slope_end=slope + rate * widths,
             rate=rate,
             together=upwards | downwards,
-            velocity=relaxation.v[:, given.joints, None],
-            acceleration=relaxation.a[:, given.joints, None],
+            velocity=relaxation.v[:, given.segments, given.joints, None],
+            acceleration=relaxation.a[:, given.segments, given.joints, None],
             jerk=jerk,
         )
 

@@ -244,7 +244,7 @@ def _ramp(relaxation: Relaxation, segment: float, joint: float, side: float) -> 
     ramp = Ramp(
         _index(segment, relaxation.segments), _index(joint, relaxation.joints), _index(side, 2)
     )
-    if not np.isfinite(relaxation.j[ramp.side, ramp.joint]):
+    if not np.isfinite(relaxation.j[ramp.side, ramp.segment, ramp.joint]):
         raise InvalidInput("proof ramps", "joints with a jerk limit on that side", value=joint)
     return ramp
 
@@ -319,7 +319,7 @@ def _check_cells(relaxation: Relaxation, row: Cut) -> None:
     ordered = bool(len(starts)) and starts[0] == 0.0 and starts[-1] < 1.0
     if not ordered or not (np.diff(starts) > 0).all():
         raise InvalidInput("proof cells", "starts that rise from 0 to below 1")
-    if not relaxation.jerky[row.joint] and row.cells[:, 1:4].any():
+    if not relaxation.limited[row.segment, row.joint] and row.cells[:, 1:4].any():
         raise InvalidInput("proof cells", "no p for a joint without jerk limits")
     falls = not np.isnan(relaxation.falling.offset[row.joint])
     if not falls and row.cells[:, costates.RATE :].any():

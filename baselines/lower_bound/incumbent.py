@@ -86,13 +86,13 @@ def _two_sided(problem: Problem) -> Problem:
     """Replace the infinite side of one-sided jerk limits by one that costs next to nothing."""
     jerk = problem.limits.jerk
     limited = np.isfinite(jerk)
-    sides_limited = limited.sum(axis=1)
+    sides_limited = limited.sum(axis=-1)
     one_sided = np.equal(sides_limited, 1)
     if not one_sided.any():
         return problem
     sizes = np.where(limited, np.abs(jerk), 0.0)
-    wide = _WIDE_JERK_FACTOR * sizes.max(axis=1)
-    sides = np.stack([-wide, wide], axis=1)
+    wide = _WIDE_JERK_FACTOR * sizes.max(axis=-1)
+    sides = np.stack([-wide, wide], axis=-1)
     stands_in = ~limited
     stands_in[~one_sided] = False
     limits = replace(problem.limits, jerk=np.where(stands_in, sides, jerk))

@@ -79,7 +79,7 @@ def ramp_row(relaxation: Relaxation, given: Ramp) -> BoundConstraints:
     sign = 1.0 if side else -1.0
     row = relaxation.blank(1)
     row.columns[0, 0] = relaxation.time[segment]
-    row.coefficients[0, 0] = -relaxation.j[side, joint]
+    row.coefficients[0, 0] = -relaxation.j[side, segment, joint]
     row.columns[0, 1:3] = relaxation.acceleration_at[:, segment, joint]
     row.coefficients[0, 1:3] = -sign, sign
     return row

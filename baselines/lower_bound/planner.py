@@ -42,7 +42,7 @@ class Prove(Planner):
 
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
-    knows = (*LIMIT_NAMES, FallingVelocity.key, *END_STATES, "least_times", "dwell")
+    knows = (*LIMIT_NAMES, FallingVelocity.key, "segment", *END_STATES, "least_times", "dwell")
     drops = True
 
     def __post_init__(self) -> None:
@@ -53,14 +53,15 @@ class Prove(Planner):
     def relation(self, problem: Problem) -> Relation:
         if self.family != "free":
             return Relation.RESTRICTION
-        relaxed = self.unknown(problem) or self.joins_segments(problem)
-        return Relation.RELAXATION if relaxed else Relation.SAME
+        return Relation.RELAXATION if self.unknown(problem) else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
         if self.family == "free":
             return None
         if problem.demands:
             return f"its bound of splines does not know {names(problem.demands)}"
+        if problem.limits.segments is not None:
+            return "it bounds 3-5-3 splines under limits that are the same in all segments only"
         return spline353.unsupported(problem)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -74,12 +74,13 @@ class Relaxation:
     Attributes:
         cutoff: Only motions shorter than this are asked about, in `time_unit`.
         h: Displacements, `(segments, joints)`; only joints that move count.
-        v, a, j: Sizes of the limits, downwards and upwards, `(2, joints)`. Velocities are those
-            that accelerating and braking within the cut-off can reach.
+        v, a, j: Sizes of the limits, downwards and upwards, `(2, segments, joints)`. Velocities are
+            those that accelerating and braking within the cut-off can reach.
         least: Least times of the segments, `(segments,)`.
         waits: Times at rest at the waypoints, s, `(waypoints,)`. No variable counts them: a motion
             is as much longer.
-        jerky: Which joints have a jerk limit, on one side at least.
+        limited: Where a joint has a jerk limit, on one side at least, `(segments, joints)`.
+        jerky: Which joints have one anywhere.
         below, above: Position limits minus each segment's start, `(segments, joints)`. Where
             velocity limits fall, no further than where no motion towards the end is allowed.
         falling: Velocity limits that fall towards the ends of a range.
@@ -109,23 +110,22 @@ class Relaxation:
         self.joints = len(lengths)
 
         self.h = np.diff(waypoints, axis=0) / lengths
-        self.a = _sizes(limits.acceleration[moving], lengths / time_unit**2)
-        velocity = _sizes(limits.velocity[moving], lengths / time_unit)
+        self.a = self._sizes(limits.acceleration[..., moving, :], lengths / time_unit**2)
+        velocity = self._sizes(limits.velocity[..., moving, :], lengths / time_unit)
         route = problem.route
         units = lengths / time_unit ** np.array([[1.0], [2.0]])
         ends = np.stack([route.start, route.end], axis=1)[..., moving]
         self.end_states = ends / units[:, None]
         # from the velocity at the start to a peak and from it to the one at the end: each change of
         # velocity takes its size over A1 or A2, and both together the cut-off at most
-        slowness = 1 / self.a
+        slowness = 1 / self.a.max(axis=1)
         gained = (np.abs(self.end_states[0]) * slowness.max(axis=0)).sum(axis=0)
         reached = (self.cutoff + gained) / slowness.sum(axis=0)
         reached *= 1 + ROUNDING_RTOL
         self.v = np.minimum(velocity, reached)
-        jerk = _sizes(limits.jerk[moving], lengths / time_unit**3)
-        limited = np.isfinite(jerk).any(axis=0)
-        self.jerky: Bools = np.asarray(limited)
-        self.j = jerk
+        self.j = self._sizes(limits.jerk[..., moving, :], lengths / time_unit**3)
+        self.limited: Bools = np.asarray(np.isfinite(self.j).any(axis=0))
+        self.jerky: Bools = np.asarray(self.limited.any(axis=0))
         lowest, highest = limits.position[moving].T
         starts = waypoints[:-1]
         self.below = (lowest - starts) / lengths
@@ -146,10 +146,19 @@ class Relaxation:
             cutoff: Only motions shorter than this are asked about, s.
         """
         time_unit = float(powers_of_two(cutoff / problem.segments))
-        accelerations = np.abs(problem.limits.acceleration[problem.moving])
-        largest = accelerations.max(axis=1)
+        known = problem.limits.in_all_segments(tightest=False)
+        largest = np.abs(known.acceleration[problem.moving]).max(axis=1)
         lengths = powers_of_two(largest * time_unit**2)
         return cls(problem, cutoff, time_unit, lengths)
+
+    def _sizes(self, pairs: Array, units: Array) -> Array:
+        """Return sizes downwards and upwards, `(2, segments, joints)`."""
+        sides = np.moveaxis(np.abs(pairs), -1, 0).reshape(2, -1, self.joints)
+        return np.broadcast_to(sides / units, (2, self.segments, self.joints))
+
+    def _of_both(self, sizes: Array) -> Array:
+        """Return the tighter of both segments, at waypoints with a state: `(2, states, joints)`."""
+        return np.minimum(sizes[:, self.segment_before], sizes[:, self.segment_after])
 
     def _count_variables(self) -> None:
         segments = self.segments
@@ -257,11 +266,14 @@ class Relaxation:
         shortest = np.maximum(forwards, backwards).max(axis=1)
         low[self.time] = np.maximum(shortest * (1 - ROUNDING_RTOL), self.least)
         high[self.time] = self.cutoff
-        allowed = np.fmin(self.v[:, None], self.falling.allowed[:, self.segment_before + 1])
-        low[self.velocity] = -allowed[0]
-        high[self.velocity] = allowed[1]
-        low[self.acceleration] = np.where(self.jerky, -self.a[0], 0.0)
-        high[self.acceleration] = np.where(self.jerky, self.a[1], 0.0)
+        slowest, fastest = np.fmin(
+            self._of_both(self.v), self.falling.allowed[:, self.segment_before + 1]
+        )
+        low[self.velocity] = -slowest
+        high[self.velocity] = fastest
+        braking, speeding = self._of_both(self.a)
+        low[self.acceleration] = np.where(self.jerky, -braking, 0.0)
+        high[self.acceleration] = np.where(self.jerky, speeding, 0.0)
         for state in np.flatnonzero(self.waits[1:-1]):
             at_rest = [self.velocity[state], self.acceleration[state]]
             low[at_rest] = high[at_rest] = 0.0
@@ -435,11 +447,6 @@ def _check_units(time_unit: float, lengths: Array, joints: int) -> None:
     if len(lengths) != joints or not (mantissas == 0.5).all():
         expected = f"powers of two, a time and {joints} lengths"
         raise InvalidInput("proof units", expected, value=units.tolist())
-
-
-def _sizes(pairs: Array, units: Array) -> Array:
-    """Return sizes downwards and upwards, `(2, joints)`."""
-    return np.abs(pairs).T / units
 
 
 def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple[Array, Array]:

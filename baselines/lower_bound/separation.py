@@ -60,7 +60,7 @@ class Separation:
         self.relaxation = relaxation
         self.segment = segment
         self.joint = joint
-        self.jerky = bool(relaxation.jerky[joint])
+        self.jerky = bool(relaxation.limited[segment, joint])
         # distances to the position limits downwards and upwards
         below = relaxation.below[segment, joint]
         self.slack = np.array([-below, relaxation.above[segment, joint]])
@@ -240,7 +240,7 @@ class Separation:
         falling = self.relaxation.falling
         offset = float(falling.offset[self.joint])
         scale = float(falling.deceleration[self.joint]) * self.time  # c = d T / (v + o)
-        most = offset + float(self.relaxation.v[:, self.joint].max())
+        most = offset + float(self.relaxation.v[:, self.segment, self.joint].max())
         everywhere = np.geomspace(max(offset, _LEAST_PLACE * most), most, _TANGENTS)
         at, known = self.places
         if np.isnan(known).any():
@@ -281,9 +281,9 @@ class Separation:
         costs = np.zeros(self.free_count + 2 * self.part_count)
         half = self.widths / 2
         for side in (0, 1):
-            v = relaxation.v[side, self.joint]
-            a = relaxation.a[side, self.joint] * time
-            j = relaxation.j[side, self.joint] * square
+            v = relaxation.v[side, self.segment, self.joint]
+            a = relaxation.a[side, self.segment, self.joint] * time
+            j = relaxation.j[side, self.segment, self.joint] * square
             prices = {
                 "v": v * self.widths,
                 "q_jump": v,
@@ -312,7 +312,7 @@ class Separation:
         highest = np.full(self.free_count + 2 * self.part_count, np.inf)
         for side in (0, 1):
             free = []
-            if self.jerky and np.isinf(self.relaxation.j[side, self.joint]):
+            if self.jerky and np.isinf(self.relaxation.j[side, self.segment, self.joint]):
                 free += ["p_first", "p_second"]
             if np.isinf(self.slack[side]):
                 free.append("slope_jump")

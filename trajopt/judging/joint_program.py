@@ -166,28 +166,41 @@ class JointProgram:
 
     @cached_property
     def _limits(self) -> Array:
-        """`[low, high]` of position and its derivatives up to `u`, in the program's units."""
+        """`[low, high]` of position and its derivatives up to `u`, in the program's units.
+
+        Of each piece: `(order + 1, pieces, 2)`.
+        """
         own = self.limits
-        pairs = np.concatenate([own.position, own.velocity, own.acceleration, own.jerk])
+        inner = self.passing[1:-1]
+        segment = np.searchsorted(inner, np.arange(self._pieces), side="right")
+        pairs = np.empty((4, self._pieces, 2))
+        for kind, given in enumerate((own.position, own.velocity, own.acceleration, own.jerk)):
+            pairs[kind] = given[segment, 0] if given.ndim == 3 else given
         pairs[0] -= self.positions[0]
         pairs[1:] *= 1 - self.distance
-        for kind in range(1, self.order):  # an end state may lie at its limit
-            low, high = pairs[kind]
-            given = self._ends[:, kind]
-            pairs[kind] = min(low, *given), max(high, *given)
+        same = own.segments is None
+        for states, ending in zip(self._ends, (segment == 0, segment == segment[-1]), strict=True):
+            for kind in range(1, self.order):  # an end state may lie at its limit
+                low, high = pairs[kind].T
+                low[:] = np.where(ending | same, np.minimum(low, states[kind]), low)
+                high[:] = np.where(ending | same, np.maximum(high, states[kind]), high)
         kinds = self.order + 1
-        return np.asarray(pairs[:kinds] / self._units[:, None])
+        return np.asarray(pairs[:kinds] / self._units[:, None, None])
 
     def _ranges(self) -> Array:
         """The range of every unknown: limits, the states at both ends, and the waypoints."""
-        counts = [self._points] * self.order + [self._pieces]
-        ranges = np.repeat(self._limits, counts, axis=0)
-        states = ranges[: -self._pieces].reshape(self.order, self._points, 2)
+        # at a break the limits of the pieces on both sides
+        each = self._limits[:-1]
+        before = np.concatenate([each[:, :1], each], axis=1)
+        after = np.concatenate([each, each[:, -1:]], axis=1)
+        states = np.empty_like(before)
+        states[..., 0] = np.maximum(before[..., 0], after[..., 0])
+        states[..., 1] = np.minimum(before[..., 1], after[..., 1])
         passed = (self.positions - self.positions[0]) / self._units[0]
         states[0, self.passing] = passed[:, None]
         states[1:, [0, -1]] = (self._ends[:, 1:] / self._units[1 : self.order]).T[..., None]
         distances = np.tile([0.0, np.inf], (self._pieces, 1))
-        return np.concatenate([ranges, distances])
+        return np.concatenate([states.reshape(-1, 2), self._limits[-1], distances])
 
     def _dynamics(self) -> csr_array:
         """Taylor: `Σ_p x_(k + p)(i) d_i^p / p! − x_k(i + 1) = 0`, the last term of `u`."""
@@ -208,10 +221,10 @@ class JointProgram:
         found = []
         for kind in (0, 1):
             degree = self.order - kind
-            for side, limit in zip((-1, 1), self._limits[kind], strict=True):
-                if np.isinf(limit):
+            for side, limit in zip((-1, 1), self._limits[kind].T, strict=True):
+                if np.isinf(limit).all():
                     continue
-                most = np.full(self._pieces, side * limit)
+                most = side * limit
                 for inner in range(1, degree):
                     found.append((side * self._control(kind, degree, inner), most))
         return found

@@ -45,17 +45,18 @@ def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
     """Return the local optimum that IPOPT finds from these times and waypoint velocities."""
     v1, v2 = np.abs(scaled.v)
     a1, a2 = np.abs(scaled.a)
+    slowest, fastest = scaled.waypoint_v
     peak = np.zeros_like(scaled.h)
     longest = np.full_like(scaled.stop, LONGEST * scaled.stop.sum())
-    low = flat(scaled.shortest, velocities * 0 - v1, peak - v1, peak - v2)
-    high = flat(longest, velocities * 0 + v2, peak + v2, peak + v1)
+    low = flat(scaled.shortest, velocities * 0 + slowest, peak - v1, peak - v2)
+    high = flat(longest, velocities * 0 + fastest, peak + v2, peak + v1)
     ends = with_outer(velocities, scaled.end_v)
     reach = extremes(ends[:-1], ends[1:], times[:, None], scaled.v, scaled.a)
     start = flat(times, velocities, reach.p_up, -reach.p_lo)
     solver = _solver(*scaled.h.shape)
     run = solver(
         start=np.clip(start, low, high),
-        parameters=flat(scaled.h, a1, a2, scaled.end_v),
+        parameters=flat(scaled.h, peak + a1, peak + a2, scaled.end_v),
         bounds=(low, high),
         constraint_bounds=(0.0, np.inf),
     )
@@ -75,8 +76,7 @@ def _solver(segments: int, joints: int) -> Program:
     upper = ca.MX.sym("p_up", segments, joints)
     lower = ca.MX.sym("p_lo", segments, joints)
     h = ca.MX.sym("h", segments, joints)
-    limits = [ca.MX.sym(name, 1, joints) for name in ("a1", "a2")]
-    a1, a2 = (ca.repmat(limit, segments, 1) for limit in limits)
+    a1, a2 = limits = [ca.MX.sym(name, segments, joints) for name in ("a1", "a2")]
     t = ca.repmat(times, 1, joints)
     outer = ca.MX.sym("v_ends", 2, joints)
     u = ca.vertcat(outer[0, :], inner)

@@ -61,9 +61,9 @@ def both_sides(ends: Array) -> Array:
 
 
 def _by_axes_of_two(limits: ArrayLike) -> Array:
-    """Limits `(…, joints)`, for tables of so many axes of two."""
+    """Limits `(…, segments or 1, joints)`, for tables of so many axes of two."""
     tables = np.asarray(limits)
-    return tables[..., None, None, :]
+    return tables[..., None, :, :]
 
 
 class AccelerationTables:
@@ -113,6 +113,15 @@ class AccelerationTables:
         self.top = table(_by_axes_of_two(top))
         self.h_by_top = self.h / self.top
         self.fastest = table(fastest / top)
+        self.rows: tuple[int, ...] = self.lowest.shape
+        self.passing: Array | None = None
+        if scaled.by_segment:
+            # at the end of a segment the next one's limits count too; the last has no next one
+            low, high = scaled.waypoint_v
+            passing = np.full((2, *scaled.h.shape), np.inf)
+            passing[:, : len(high)] = high, -low
+            self.passing = table(_by_axes_of_two(passing) / _by_axes_of_two(top))
+            self.rows = (3, *self.lowest.shape[1:])
 
     def of(self, starts: int) -> AccelerationTables:
         """Return the tables for another number of starts."""
@@ -130,7 +139,8 @@ class AccelerationTables:
             velocities: at the inner waypoints, `(starts, segments - 1, joints)`.
         """
         fastest = _START_ROOM * self.fastest * self.top
-        inner_limits = fastest[:, :, : velocities.shape[1]]
+        both = np.minimum(fastest, np.roll(fastest, -1, axis=2))
+        inner_limits = both[:, :, : velocities.shape[1]]
         highest, lowest = inner_limits
         velocity = np.clip(velocities, -lowest, highest)
         t = times[..., None]

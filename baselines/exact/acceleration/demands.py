@@ -150,11 +150,16 @@ class DemandInequalities(AccelerationInequalities):
         slopes[_PEAK, 0] = self.room_p
         slopes[_X0, 1], slopes[_X1, 1] = self.reach_x
         slopes[_PEAK, 1] = self.reach_p
+        kinds = 2
+        if cells.passing is not None:
+            slopes[_S, kinds] = self.passing_s
+            slopes[_X1, kinds] = self.passing_x
+            kinds += 1
         if cells.tolerant:
             slopes[_S, 1] = 2 * self.way
             slopes[_P0, 1] = cells.free_before / self.t**2
             slopes[_P1, 1] = -(cells.free / self.t**2)
-            slopes[_P1, 2] = -(cells.free / cells.box)
+            slopes[_P1, kinds] = -(cells.free / cells.box)
         if cells.bounded.any():
             slopes[_S, -1, 0, :, :, 0] = cells.bounded
         return slopes

@@ -33,7 +33,7 @@ class SegmentTask(NamedTuple):
         h: displacements, `(segments, joints)`.
         u: velocities at the segments' starts, likewise.
         w: velocities at their ends, likewise.
-        v: velocity limits, `(2, joints)`, low first.
+        v: velocity limits, `(2, segments, joints)`, low first; 1 where all segments have the same.
         a: acceleration limits, likewise.
         q: where the segments start, `(segments, joints)`.
         positions: position limits, `(2, joints)`, low first.
@@ -74,8 +74,8 @@ def pieces(task: SegmentTask, brief: float) -> Pieces:
     parts = [middles < first, middles > last]
     acceleration = np.select(parts, [at_first, at_last], 0.0)
     shared = Pieces(np.diff(breaks, axis=0), acceleration, 0 * acceleration)
-    unlimited = np.array([[-np.inf], [np.inf]]) + 0 * task.a
-    segments = Segments(task.u, task.w, task.h, (*limits, unlimited))
+    unlimited = np.array([[[-np.inf]], [[np.inf]]]) + 0 * task.a
+    segments = Segments.under(task.u, task.w, task.h, *limits, unlimited)
     close = np.maximum(_CLOSE_RTOL * task.times[:, 0], brief)
     return segments.thinned(shared, close, brief)
 
@@ -108,7 +108,7 @@ def _within_positions(ramps: Ramps, task: SegmentTask) -> Ramps:
     has_choice = spare > _LEAST_SPARE
     leaves = has_choice & _leaves_positions(ramps, task)
     taken = 1 - _KEPT_SHARE * spare
-    straight = straightest(task.u, task.w, task.times, task.h, taken * task.a[:, None])
+    straight = straightest(task.u, task.w, task.times, task.h, taken * task.a)
     peak, first, last = np.where(leaves, straight, ramps[:3])
     return Ramps(peak, first, last, ramps.share)
 

@@ -43,9 +43,13 @@ class AccelerationInequalities:
     reach of the displacement beyond `h`. Over the logarithm `s` of the time `T`, the end velocities
     `x` and `p` they have the gradients `room_s`, `room_p`, `reach_x` and `reach_p`.
 
+    Where limits differ from segment to segment, a third: what the velocity at a cell's end leaves
+    of both its segments' limits, with the gradients `passing_s` and `passing_x` over `s` and that
+    end's `x`. Inside one segment no row is needed for it (mathematics, section 3).
+
     Attributes:
         values: what is left, negative where a row is broken,
-            `(2 kinds, 2 sides, starts, segments, joints)`.
+            `(kinds, 2 sides, starts, segments, joints)`.
         times: of the segments, `(starts, segments)`.
         t: the same for every joint.
         x: end velocities as both sides see them.
@@ -73,9 +77,15 @@ class AccelerationInequalities:
         reach_x = risen / cells.a
         spent_each = risen * reach_x
         spent = spent_each[0] + spent_each[1]
-        values = np.empty_like(cells.lowest)
+        values = np.empty(cells.rows)
         values[0] = cells.fastest - cruise
         values[1] = peaks - spent / 2
+        if cells.passing is not None:
+            from_mean = room_p * x[1]
+            is_inner = np.isfinite(cells.passing)
+            values[2] = np.where(is_inner, cells.passing - mean + from_mean, 1.0)
+            self.passing_s = np.where(is_inner, mean + from_mean, 0.0)
+            self.passing_x = np.where(is_inner, room_p, 0.0)
 
         self.cells = cells
         self.point = point
@@ -123,10 +133,15 @@ class AccelerationInequalities:
 
     def gradients(self, numbers: Array) -> Gradients:
         """The rows' gradients times a number each."""
-        room, reach = numbers
+        room, reach = numbers[:2]
+        by_s = self.room_s * room
+        by_x = self.reach_x * reach
         by_p = self.room_p * room
         by_p += self.reach_p * reach
-        return Gradients(self.room_s * room, self.reach_x * reach, by_p)
+        if self.cells.passing is not None:
+            by_s += self.passing_s * numbers[2]
+            by_x[1] += self.passing_x * numbers[2]
+        return Gradients(by_s, by_x, by_p)
 
     def change(self, step: AccelerationUnknowns, x: Array) -> Array:
         """By how much a step changes every row; `x` are its ends, of both sides."""
@@ -138,6 +153,8 @@ class AccelerationInequalities:
         reached = self.reach_x * x
         by_ends = reached[0] + reached[1]
         change[1] = by_ends + self.reach_p * peaks
+        if self.cells.passing is not None:
+            change[2] = self.passing_s * s + self.passing_x * x[1]
         return change
 
 
@@ -155,8 +172,8 @@ class AccelerationLinearisation:
 
     def __init__(self, rows: AccelerationInequalities, multipliers: Array, weights: Array) -> None:
         cells = rows.cells
-        y_room, y_reach = multipliers
-        w_room, w_reach = weights
+        y_room, y_reach = multipliers[:2]
+        w_room, w_reach = weights[:2]
         t = rows.t
         room_s = rows.room_s
         room_p = rows.room_p
@@ -181,6 +198,13 @@ class AccelerationLinearisation:
         sp = pressed * room_s - y_room * room_p
         ss = (sx * (steep + rows.x)).sum(axis=0)
         ss += w_room * room_s**2 + y_room * rows.cruise
+
+        if cells.passing is not None:
+            # linear in the waypoint's velocity: it bends nothing
+            weighted_s = weights[2] * rows.passing_s
+            ss += weighted_s * rows.passing_s
+            sx[1] += weighted_s * rows.passing_x
+            xx[1] += weights[2] * rows.passing_x**2
 
         # Schur complement of the peaks: A −= b bᵀ / pp, where b are xp and sp
         peak_x = xp / pp

@@ -69,7 +69,10 @@ class Exact(SeveralStarts):
 
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", *END_VELOCITIES, *DEMANDS_KNOWN, "tolerance")
+    knows = (
+        *("velocity", "acceleration", "segment"),
+        *(*END_VELOCITIES, *DEMANDS_KNOWN, "tolerance"),
+    )
 
     def unsupported(self, problem: Problem) -> str | None:
         return without_ipopt(self.solver, problem)
@@ -159,8 +162,8 @@ class Passing(Scaled):
 
     def within(self, velocities: Array) -> Array:
         """Velocities within their limits; one that hardly misses its limit is at it."""
-        lowest, highest = self.v
-        slowest, fastest = self.v * (1 - _LIMIT_RTOL)
+        lowest, highest = self.waypoint_v
+        slowest, fastest = self.waypoint_v * (1 - _LIMIT_RTOL)
         within = np.where(velocities > fastest, highest, velocities)
         return np.where(within < slowest, lowest, within)
 
@@ -179,7 +182,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
     h = scaled.h
     v = scaled.v * k
     a = scaled.a * k**2
-    slowest, fastest = v
+    slowest, fastest = scaled.waypoint_v * k
     braking, speeding = a
     size = np.abs(u) + np.abs(w)
     rounding = _VELOCITY_RTOL * size

@@ -43,7 +43,7 @@ def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
     cells = np.zeros_like(scaled.h)
     inner = cells[1:]
     # without a jerk limit acceleration jumps at waypoints too: it has no value there
-    jerky = r1 > 0
+    jerky = (r1 > 0).any(axis=0)
     longest = LONGEST * scaled.stop.sum()
     lowest = [scaled.shortest / scaled.stop, inner - v1, inner - jerky * a1]
     highest = [longest / scaled.stop, inner + v2, inner + jerky * a2]
@@ -52,7 +52,7 @@ def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
         highest += 3 * [cells + rising] + 3 * [cells + np.inf]
     low = flat(*lowest)
     high = flat(*highest)
-    parameters = flat(scaled.h / stop**2, *(limits[:, None] / stop), stop)
+    parameters = flat(scaled.h / stop**2, *(limits / stop), stop)
     guess = np.repeat(_GUESS, size)
     solver = _solver(*scaled.h.shape)
     optima = []

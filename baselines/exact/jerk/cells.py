@@ -77,7 +77,7 @@ class JerkTables:
         one = np.ones_like(v1)
 
         def sides(upper: Array, lower: Array) -> Array:
-            return np.array([upper, lower] * kinds)[:, None, None]
+            return np.array([upper, lower] * kinds)[:, None]
 
         self.scaled = scaled
         self.beyond = kinds > 1
@@ -91,14 +91,14 @@ class JerkTables:
         falling = sides(a1, a2)
         self.h = scaled.h
         self.steepest = np.array([rising, falling])
-        self.fastest = np.array([v2, v1])[:, None, None]
+        self.fastest = np.array([v2, v1])[:, None]
         self.highest = sides(v2, v1)
         if self.beyond:
             self.highest[:2] = np.inf
         self.up = sides(r2, r1)
         self.down = sides(r1, r2)
         self.falling = self.down[:2]
-        self.widest = np.array([a2, a1])[:, None, None]
+        self.widest = np.array([a2, a1])[:, None]
         self.closed = scaled.closed
         self.least = scaled.least if scaled.least.any() else None
 

@@ -89,9 +89,9 @@ def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Piec
         rows = _bent(rows, limits, scaled, scaled.left_out)
     profiles = _KnottedProfiles.of(rows, limits)
     starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
-    signs = np.array([[-1.0], [1.0]])
-    sides = scaled.v, scaled.a, signs / scaled.r
-    segments = Segments(starts, stops, scaled.h, sides)
+    signs = np.array([[[-1.0]], [[1.0]]])
+    limited = scaled.v, scaled.a, signs / scaled.r
+    segments = Segments.under(starts, stops, scaled.h, *limited)
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = segments.mended(profiles.pieces(even, limits))
@@ -173,7 +173,7 @@ class _AllowedMotion(NamedTuple):
         ramp = np.sqrt(faster * slow) / times
         ramp = np.minimum(ramp, 1.0)
         vanished = SETTLED_RTOL * ramp + ROUNDING
-        jerky = slow > 0
+        jerky = (slow > 0).any(axis=0)
         return cls(times, jerky, gained, ramp, vanished)
 
 
@@ -258,7 +258,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     missing = rows.profiles.rises - first
     ahead = missing * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
-    sides = cells.scaled.a
+    sides = cells.scaled.waypoint_a
     wished = _beside(level, cells.closed)
     changes = np.clip(wished, *sides) - acceleration
     is_wanted = _beside(is_alone & limits.jerky & is_brief, cells.closed)
@@ -267,7 +267,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     (change,) = np.take_along_axis(wanted, least, axis=0)
     free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0), cells.closed)
     # a brief ramp below the velocity limit would lead to a dip
-    fastest, is_fast = _nearest(velocity, cells.scaled.v, limits)
+    fastest, is_fast = _nearest(velocity, cells.scaled.waypoint_v, limits)
     steepest, is_steep = _nearest(acceleration, sides, limits)
     cases = [~chosen, is_fast, is_steep, free, np.isfinite(change)]
     values = [acceleration, 0.0, steepest, 0.0, acceleration + change]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.exact.method.pieces import Pieces
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
@@ -25,9 +25,13 @@ class Scaled:
 
     Attributes:
         h: displacements, `(segments, joints)`.
-        v: velocity limits, `(2, joints)`, low first.
-        a: acceleration limits, `(2, joints)`, low first.
-        r: inverse jerk limits, `(2, joints)`, low first, not negative.
+        v: velocity limits, `(2, segments, joints)`, low first; `(2, 1, joints)` where all segments
+            have the same limits, as in the next two.
+        a: acceleration limits, likewise.
+        r: inverse jerk limits, likewise, not negative.
+        waypoint_v, waypoint_a: at the inner waypoints, where the tighter of both segments counts,
+            `(2, segments - 1, joints)` or `(2, 1, joints)`.
+        by_segment: whether these differ from segment to segment.
         stop: each segment's time if all joints stop at both its ends, `(segments,)`.
         shortest: each segment's time at the velocity limit, `(segments,)`.
         end_v, end_a: velocities and accelerations at the motion's ends, `(2 ends, joints)`.
@@ -39,9 +43,10 @@ class Scaled:
         known = problem.without("position") if jerk else problem.without("jerk", "position")
         moving = problem.moving
         limits = known.limits
-        velocity = limits.velocity[moving].T
-        acceleration = limits.acceleration[moving].T
-        jerks = np.abs(limits.jerk[moving].T)
+        rows = limits.segments or 1
+        velocity = _by_side(limits.velocity, moving, rows)
+        acceleration = _by_side(limits.acceleration, moving, rows)
+        jerks = np.abs(_by_side(limits.jerk, moving, rows))
 
         least = problem.route.demand("least_times")
         stop = np.maximum(stop_times(known), least)
@@ -54,11 +59,12 @@ class Scaled:
             stop[-1] += (_RETURNS * np.abs(end_v[1]) / slowest).max()
         unit = float(stop.mean())
         # the acceleration that is reached: at its limit, or as far as jerk allows
-        reached = np.minimum(np.abs(acceleration), jerks * unit).min(axis=0)
+        reached = np.minimum(np.abs(acceleration), jerks * unit).min(axis=(0, 1))
         units = reached * unit ** np.arange(-1.0, 3.0)[:, None]
         j_unit, a_unit, v_unit, q_unit = units
 
         self.problem = problem
+        self.by_segment = limits.segments is not None
         self.moving = moving
         self.unit = unit
         self.units = units
@@ -74,7 +80,18 @@ class Scaled:
         tolerance = route.demand("tolerance")
         self.tolerance = tolerance[1 : None if self.closed else -1, moving] / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
-        self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))
+        self.shortest = (self.h / self.v).max(axis=(0, 2))
+        self.waypoint_v = self._of_both_segments(self.v)
+        self.waypoint_a = self._of_both_segments(self.a)
+
+    def _of_both_segments(self, limits: Array) -> Array:
+        """The tighter limits of the segments at both sides of each waypoint with a state."""
+        low, high = limits
+        if len(low) == 1:
+            return limits
+        lows = np.maximum(low, np.roll(low, -1, axis=0))
+        highs = np.minimum(high, np.roll(high, -1, axis=0))
+        return np.array([lows, highs])[:, : None if self.closed else -1]
 
     def velocities(self, times: Array, ends: Array) -> Array:
         """Velocities at the inner waypoints, `(segments - 1, joints)`.
@@ -112,3 +129,10 @@ class Scaled:
         seconds = lengths[..., 0].T
         motion = Trajectory.of_segments(zip(seconds, by_segment, strict=True))
         return motion.beside(waypoints[0], self.moving)
+
+
+def _by_side(pairs: Array, moving: Bools, rows: int) -> Array:
+    """Limits `(joints, 2)`, or those of each segment, as `(2, rows, joints)`."""
+    sides = np.moveaxis(pairs[..., moving, :], -1, 0)
+    joints = sides.shape[-1]
+    return np.array(np.broadcast_to(sides.reshape(2, -1, joints), (2, rows, joints)))

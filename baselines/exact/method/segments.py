@@ -23,7 +23,7 @@ class Segments(NamedTuple):
         u: velocities at the start, `(segments, joints)`.
         w: velocities at the end, likewise.
         h: displacements, likewise.
-        limits: of velocity, acceleration and jerk, `(2, joints)` each, low first.
+        limits: of velocity, acceleration and jerk, `(2, segments, joints)` each, low first.
     """
 
     u: Array
@@ -31,14 +31,21 @@ class Segments(NamedTuple):
     h: Array
     limits: tuple[Array, Array, Array]
 
+    @classmethod
+    def under(cls, u: Array, w: Array, h: Array, *limits: Array) -> Self:
+        """Segments under three limits, each `(2, segments, joints)` or `(2, 1, joints)`."""
+        velocity, acceleration, jerk = (np.broadcast_to(own, (2, *h.shape)) for own in limits)
+        return cls(u, w, h, (velocity, acceleration, jerk))
+
     @property
     def jerky(self) -> Bools:
-        """Which joints have jerk limits."""
-        return np.asarray(np.isfinite(self.limits[-1]).any(axis=0))
+        """Which joints have jerk limits, `(joints,)`: in all segments or in none."""
+        return np.asarray(np.isfinite(self.limits[-1]).any(axis=(0, 1)))
 
     def of(self, some: Indices) -> Self:
         """Some of the segments."""
-        return self._replace(u=self.u[some], w=self.w[some], h=self.h[some])
+        limits = (sides[:, some] for sides in self.limits)
+        return self.under(self.u[some], self.w[some], self.h[some], *limits)
 
     def missing(self, lengths: Array, passed: tuple[Array, Array], rtol: float) -> Array:
         """Velocity and displacement that are missing at the end, `(2, segments, joints)`.
@@ -177,7 +184,7 @@ class Segments(NamedTuple):
         lengths = pieces.lengths[used, segment]
         start = pieces.start[used, segment, joint]
         own = Pieces(lengths[:, 0], start, pieces.jerk[used, segment, joint])
-        limits = [sides[:, joint] for sides in self.limits]
+        limits = [sides[:, segment, joint] for sides in self.limits]
         count = len(lengths)
         change = Pieces(lengths, np.eye(count), np.zeros((count, count)))
         if self.jerky[joint]:

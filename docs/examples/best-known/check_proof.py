@@ -71,6 +71,8 @@ def digest(tables):  # SHA-256 of the problem's numbers, as the file has it
 
 
 def sided(pairs):  # a missing limit is infinite
+    if isinstance(pairs[0][0], list):
+        return [sided(own) for own in pairs]
     return [[-inf if x is None else x, inf if y is None else y] for x, y in pairs]
 
 
@@ -85,7 +87,7 @@ def separate(points, least):  # leave out points that equal the last one but for
     return kept
 
 
-def exact(points):  # leave out points between brief steps in line: rounding may miss them
+def exact(points, changes):  # which are not between brief steps in line: rounding may miss these
     columns = list(zip(*points, strict=True))
     steps = [[y - x for x, y in zip(a, b, strict=True)] for a, b in pairwise(points)]
     largest = [max(map(abs, column)) for column in zip(*steps, strict=True)]
@@ -106,8 +108,8 @@ def exact(points):  # leave out points between brief steps in line: rounding may
         return all(turned[j] <= IN_LINE + blur * rounding[j] / units[j] for j in joints)
 
     inner = range(1, len(steps))
-    spared = {k for k in inner if brief(k - 1) and brief(k) and in_line(k)}
-    return [point for k, point in enumerate(points) if k not in spared]
+    spared = {k for k in inner if brief(k - 1) and brief(k) and in_line(k)} - changes
+    return [k for k in range(len(points)) if k not in spared]
 
 
 # --- the problem ---
@@ -127,14 +129,20 @@ if others.keys() - {"dwell", "least_times", *ENDS[0], *ENDS[1]}:
     refuse(f"{', '.join(others)}: not all of these are known here")
 least = others.get("least_times", [NONE] * (len(points) - 1))  # of each segment
 waits = others.get("dwell", [NONE] * len(points))  # at each waypoint, at rest
-kept = separate(points, least)
-points = [points[k] for k in kept]
-least = [sum(least[i:k]) for i, k in pairwise(kept)]
-waits = [sum(waits[i:k]) for i, k in pairwise([*kept, len(waits)])]
-points = points if others else exact(points)
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
-tables = [("", said["problem"]["waypoints"]), *(("", sided(own)) for own in pairs)]
+tables = [("", points), *(("", sided(own)) for own in pairs)]
+rows = [own if len(shape(own)) == 3 else [own] * len(least) for own in pairs]  # by segment
+kept = separate(points, least)
+points = [points[k] for k in kept]
+rows = [[own[k - 1] for k in kept[1:]] for own in rows]
+least = [sum(least[i:k]) for i, k in pairwise(kept)]
+waits = [sum(waits[i:k]) for i, k in pairwise([*kept, len(waits)])]
+if not others:
+    changes = {k for k in range(1, len(rows[0])) if any(own[k - 1] != own[k] for own in rows)}
+    kept = exact(points, changes)
+    points = [points[k] for k in kept]
+    rows = [[own[k - 1] for k in kept[1:]] for own in rows]
 others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
 if digest(tables + sorted(others.items())) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
@@ -144,24 +152,29 @@ states = [[row[j] for keys in ends for row in keys] for j in range(len(rest))]
 moving = [j for j in range(len(rest)) if len({x[j] for x in points}) > 1 or any(states[j])]
 way = [[b[j] - a[j] for j in moving] for a, b in pairwise(points)]  # segment by segment
 K, N = len(way), len(moving)
-V = [[abs(v) for v in pairs[0][j]] for j in moving]  # down and up
-A = [[abs(a) for a in pairs[1][j]] for j in moving]
-J = [[None if x is None else abs(x) for x in pairs[2][j]] for j in moving]
+sizes = [[[[x and abs(x) for x in row[j]] for j in moving] for row in own] for own in rows[:3]]
+V, A, J = sizes  # by segment and joint, down and up
 positions = [pairs[3][j] for j in moving]
 falls = [limits.get("falling_velocity", {j: [None]})[j] for j in moving]  # o, d and the range
 falls = [None if None in fall else fall for fall in falls]
+
+
+def widest(table, j):  # of all segments
+    down_and_up = zip(*(row[j] for row in table), strict=True)
+    return [None if None in own else max(own) for own in down_and_up]
 
 
 # --- a bound in closed form: the longest way of one joint from rest to rest in a given time ---
 
 
 def farthest(time, j, sign):
-    slowness = 1 / A[j][0] + 1 / A[j][1]
-    v = min(V[j][sign], time / slowness)
-    reach = v * (time - v * slowness / 2)
-    if None in J[j]:
+    v, a, jerk = (widest(table, j) for table in (V, A, J))
+    slowness = 1 / a[0] + 1 / a[1]
+    peak = min(v[sign], time / slowness)
+    reach = peak * (time - peak * slowness / 2)
+    if None in jerk:
         return reach
-    v, a, jerk = max(V[j]), max(A[j]), max(J[j])
+    v, a, jerk = max(v), max(a), max(jerk)
     half = time / 2
     v = min(v, jerk * half**2 / 4 if half * jerk <= 2 * a else a * (half - a / jerk))
     rise = v / a + a / jerk if v * jerk >= a**2 else 2 * root(v / jerk)
@@ -173,7 +186,9 @@ if not proof:
     moved = claimed - sum(waits)
     at_rest = not any(map(any, states))
     alone = at_rest and any(farthest(moved, j, total[j] > 0) <= abs(total[j]) for j in range(N))
-    slowest = [max(abs(h) / V[j][h > 0] for j, h in enumerate(row)) for row in way]
+    slowest = [
+        max(abs(h) / v[j][h > 0] for j, h in enumerate(x)) for x, v in zip(way, V, strict=True)
+    ]
     holds = alone or moved <= sum(map(max, slowest, least))
     print(f"closed form: {float(claimed):.9f} s {'holds' if holds else 'does not hold'}")
     sys.exit(not holds)
@@ -186,21 +201,23 @@ if len(sizes) != N or min(unit, *sizes) <= 0 or proof["cutoff"][0] <= 0:
     refuse("units of time and of every joint, and a cut-off")
 U = proof["cutoff"][0] / unit
 way = [[h / sizes[j] for j, h in enumerate(row)] for row in way]
-A = [[a * unit**2 / sizes[j] for a in A[j]] for j in range(N)]
-J = [[x and x * unit**3 / sizes[j] for x in J[j]] for j in range(N)]
+A = [[[a * unit**2 / sizes[j] for a in row[j]] for j in range(N)] for row in A]
+J = [[[x and x * unit**3 / sizes[j] for x in row[j]] for j in range(N)] for row in J]
 v0, vK, a0, aK = (
     [row[j] * unit**power / size for j, size in zip(moving, sizes, strict=True)]
     for power, keys in enumerate(ends, start=1)
     for row in keys
 )
 for j in range(N):  # from the start's velocity to a peak, and from there to the end's
-    gained = (abs(v0[j]) + abs(vK[j])) / min(A[j])
-    reached = up((U + gained) / (1 / A[j][0] + 1 / A[j][1]))
-    V[j] = [min(v * unit / sizes[j], reached) for v in V[j]]
+    braking, speeding = widest(A, j)
+    gained = (abs(v0[j]) + abs(vK[j])) / min(braking, speeding)
+    reached = up((U + gained) / (1 / braking + 1 / speeding))
+    for row in V:
+        row[j] = [min(v * unit / sizes[j], reached) for v in row[j]]
 for fall, size in zip(falls, sizes, strict=True):
     if fall:
         fall[:2] = fall[0] * unit / size, fall[1] * unit**2 / size
-jerky = [j for j in range(N) if J[j] != [None, None]]
+jerky = [j for j in range(N) if any(row[j] != [None, None] for row in J)]
 inner = [(k, j) for k in range(K - 1) for j in jerky]  # waypoints and joints with an acceleration
 M = (K - 1) * N
 S, Q, v, a, before, after = K, 2 * K, 3 * K, 3 * K + M, 3 * K + 2 * M, 3 * K + 3 * M
@@ -212,11 +229,12 @@ def near(k, j, side):  # from waypoint k to the end of the range, and to where n
     return distance, distance - o**2 / (2 * d)
 
 
-def allowed(k, j, side):  # highest velocity at waypoint k
+def allowed(k, j, side):  # highest velocity at waypoint k, between two segments
+    both = min(V[k - 1][j][side], V[k][j][side])
     if falls[j] is None:
-        return V[j][side]
+        return both
     o, d, *_ = falls[j]
-    return min(V[j][side], max(root(2 * d * near(k, j, side)[0]) + 1 / Fraction(DIGITS) - o, NONE))
+    return min(both, max(root(2 * d * near(k, j, side)[0]) + 1 / Fraction(DIGITS) - o, NONE))
 
 
 def wall(k, j, side):  # farthest position in segment k from its start
@@ -230,12 +248,13 @@ def wall(k, j, side):  # farthest position in segment k from its start
 def root_box():
     low, high = [NONE] * before, [NONE] * before  # times, velocities, accelerations
     for k, row in enumerate(way):
-        low[k] = max(least[k] / unit, *(down(abs(h) / V[j][h > 0]) for j, h in enumerate(row)))
+        low[k] = max(least[k] / unit, *(down(abs(h) / V[k][j][h > 0]) for j, h in enumerate(row)))
         high[k] = U
     for k, j in ((k, j) for k in range(K - 1) for j in range(N)):
         low[v + k * N + j], high[v + k * N + j] = -allowed(k + 1, j, 0), allowed(k + 1, j, 1)
         if j in jerky:
-            low[a + k * N + j], high[a + k * N + j] = -A[j][0], A[j][1]
+            braking, speeding = map(min, A[k][j], A[k + 1][j])
+            low[a + k * N + j], high[a + k * N + j] = -braking, speeding
         if waits[k + 1]:  # at rest
             for x in (v + k * N + j, a + k * N + j):
                 low[x] = high[x] = NONE
@@ -297,21 +316,22 @@ def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
     if starts[0] != 0 or min(widths) <= 0:
         refuse("cells that do not divide a segment")
     p, q = [list(cell[1:4]) for cell in cells], [[*cell[4:6], NONE] for cell in cells]
-    if J[j] == [None, None] and any(any(f) for f in p):
+    jerk = J[k][j]
+    if jerk == [None, None] and any(any(f) for f in p):
         refuse("p without a jerk limit")
     for f, width in zip(p, widths, strict=True):  # p without the sign of a free jerk
         vertex = min(max(-f[1] / (2 * f[2]), 0), width) if f[2] else 0
         values = [value(f, s) for s in (0, vertex, width)]
-        if None in J[j] and J[j] != [None, None]:
-            f[0] -= min(0, *values) if J[j][0] is None else max(0, *values)
-    jerk = [x or 0 for x in J[j]]
+        if None in jerk and jerk != [None, None]:
+            f[0] -= min(0, *values) if jerk[0] is None else max(0, *values)
+    jerk = [x or 0 for x in jerk]
     bends = [[f[1] + g[0], 2 * f[2] + g[1], NONE] for f, g in zip(p, q, strict=True)]
     turns = [[g[1] + s, rate, NONE] for g, s, rate in zip(q, slopes, rates, strict=True)]
     ends = [s + rate * width for s, rate, width in zip(slopes, rates, widths, strict=True)]
     changes = [later - end for end, later in zip(ends, slopes[1:], strict=False)]
     distance = sum(change * wall(k, j, change > 0) for change in changes if change)
-    row = {k: -jumps(p, widths, A[j]), Q + k: 0}
-    bound = jumps(q, widths, V[j])
+    row = {k: -jumps(p, widths, A[k][j]), Q + k: 0}
+    bound = jumps(q, widths, V[k][j])
     for turn, width in zip(turns, widths, strict=True):  # λ changes at a rate
         start, rate, _ = turn
         side = rate > 0
@@ -327,8 +347,8 @@ def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
     row[S + k] = ends[-1] * way[k][j] - distance
     for f, bend, turn, width in zip(p, bends, turns, widths, strict=True):
         row[Q + k] -= weighed(f, width, jerk)
-        row[k] -= weighed(bend, width, A[j])
-        bound += weighed(turn, width, V[j])
+        row[k] -= weighed(bend, width, A[k][j])
+        bound += weighed(turn, width, V[k][j])
     if k > 0:
         place = (k - 1) * N + j
         row[v + place], row[after + place] = -q[0][0], -p[0][0]
@@ -345,10 +365,10 @@ def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
 
 
 def ramp(k, j, side):  # a₁ − a₀ ≤ J T
-    if J[j][side] is None:
+    if J[k][j][side] is None:
         refuse("a ramp without a jerk limit")
     sign = 1 if side else -1
-    row = {k: -J[j][side]}
+    row = {k: -J[k][j][side]}
     if k > 0:
         row[a + (k - 1) * N + j] = -sign
     if k < K - 1:

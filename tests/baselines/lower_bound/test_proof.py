@@ -116,7 +116,7 @@ def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls, one_sided)
         touching = [SquareTangent(k, at) for k, at in enumerate(places.tolist())]
         assert_rows_hold(square_rows(relaxation, touching, box), x)
     for side, k, j in np.ndindex(2, relaxation.segments, relaxation.joints):
-        if np.isfinite(relaxation.j[side, j]):
+        if np.isfinite(relaxation.j[side, k, j]):
             assert_rows_hold(ramp_row(relaxation, Ramp(k, j, side)), x)
 
 

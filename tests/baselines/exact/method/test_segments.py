@@ -17,7 +17,7 @@ def one_joint(lengths: ArrayLike, start: ArrayLike, jerk: ArrayLike) -> Pieces:
 
 
 def sides(limit: float) -> np.ndarray:
-    return np.array([[-limit], [limit]])
+    return np.array([[[-limit]], [[limit]]])
 
 
 def ending(pieces: Pieces, u: float, jerk: float) -> Segments:
@@ -45,8 +45,8 @@ def several(seed: int, jerk: float) -> tuple[Pieces, Segments]:
     bend = rng.uniform(-1, 1, start.shape)
     pieces = Pieces(lengths, start, bend / lengths)
     ends = rng.uniform(-1, 1, (3, 1, 50))
-    wide = np.full((2, 50), 9.0)
-    steep = np.full((2, 50), jerk)
+    wide = np.full((2, 1, 50), 9.0)
+    steep = np.full((2, 1, 50), jerk)
     limits = wide, wide, steep
     return pieces, Segments(*ends, limits)
 
@@ -101,7 +101,7 @@ def test_a_break_goes_where_another_joint_can_do_without_it() -> None:
     second = [0.5, 0.5, -0.5]
     start = np.transpose([first, second])[:, None]
     pieces = Pieces(lengths[:, None, None], start, np.zeros_like(start))
-    one = np.array([[-1.0, -1.0], [1.0, 1.0]])
+    one = np.array([[[-1.0, -1.0]], [[1.0, 1.0]]])
     rest = np.zeros((1, 2))
     velocity, position = pieces.passed(rest)
     *_, w = velocity
