@@ -34,7 +34,7 @@ PROBLEMS = (
     "reversal",
     "repeated",
     "resting-joint",
-    "tiny",
+    "robots-ur5e-w4",
     "random-zigzag-j3-w3-11",
     "random-smooth-j3-w4-01",
     "random-zigzag-j3-w4-04",
@@ -152,7 +152,7 @@ def main(
     Args:
         output: Folder.
         problem: Names; all ten by default.
-        seconds: For a proof.
+        seconds: Of CPU time, for a proof.
         quick: One problem, five seconds a proof.
     """
     output.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from trajopt.judging.smoothness import FrontPoint
 # Relative distances of the bounds from the best motions that are close enough.
 _FREE_WITHIN = 2e-3
 LIMITS_WITHIN = 5e-3
+# Between the best motions with and without a waypoint that makes no difference.
+_SAME_RTOL = 1e-3
 _ORDERS: dict[Measure, int] = {"jerk": 3, "acceleration": 2}
 _REFERENCE_SECONDS = 10.0
 # Times the shortest known duration, where no durations are asked for.
@@ -34,7 +37,7 @@ def front(
         problem: All its limits are kept.
         measure: Whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known.
-        time_limit: Of the bound of each point, s.
+        time_limit: Of the bound of each point, s of CPU time.
 
     Raises:
         InvalidInput: No motion of a duration is found, or no motion at all.
@@ -74,7 +77,7 @@ def free_bound(problem: Problem, measure: Measure, time_limit: float) -> FrontBo
     Of more than three segments four waypoints are kept. Where a segment is so short that its time
     may be next to nothing, the bound without one of its waypoints is better.
     """
-    deadline = time.perf_counter() + time_limit
+    deadline = time.process_time() + time_limit
     kept = chosen_waypoints(problem, _ORDERS[measure])
     best = _free_bound(problem, measure, kept, deadline if len(kept) == 2 else _halfway(deadline))
     if best.closed:
@@ -93,13 +96,8 @@ def bound_with_limits(
     problem: Problem, measure: Measure, found: Least, time_limit: float
 ) -> FrontBound:
     """Prove a bound for the duration of a motion, with the limits that act in it."""
-    deadline = time.perf_counter() + time_limit
-    kept = chosen_waypoints(problem, _ORDERS[measure])
-    own: Least | None = found
-    if len(kept) < len(problem.waypoints):
-        own = least(_of(problem, kept), measure, found.duration, found.trajectory_of(kept))
-    if own is None or not own.limits_act:
-        own = found
+    deadline = time.process_time() + time_limit
+    kept, own = _kept(problem, measure, found)
     times = np.diff(own.trajectory.waypoint_times)
     if len(times) > len(kept) - 1:
         times = np.diff(own.trajectory.waypoint_times[kept])
@@ -113,6 +111,30 @@ def bound_with_limits(
         times=times,
         kept=kept,
     )
+
+
+def _kept(problem: Problem, measure: Measure, found: Least) -> tuple[Indices, Least]:
+    """Return the waypoints that a bound with limits keeps, and the best motion through these.
+
+    Without a waypoint that the best motion passes anyway the bound is the same, over fewer segment
+    times: of one joint that never turns, the ends ask for everything.
+    """
+    most = chosen_waypoints(problem, _ORDERS[measure])
+    inner = most[1:-1].tolist()
+    for count in range(len(inner) + 1):
+        for some in combinations(inner, count):
+            kept = np.array([most[0], *some, most[-1]])
+            if len(kept) == len(problem.waypoints):
+                return kept, found
+            if not np.diff(problem.waypoints[kept], axis=0).any(axis=1).all():
+                continue  # two that are the same, without what lies between
+            guess = found.trajectory_of(kept)
+            own = least(_of(problem, kept), measure, found.duration, guess)
+            if own is None or not own.limits_act:
+                continue
+            if kept.size == most.size or own.value >= found.value * (1 - _SAME_RTOL):
+                return kept, own
+    return most, found
 
 
 def _free_bound(problem: Problem, measure: Measure, kept: Indices, deadline: float) -> FrontBound:
@@ -129,7 +151,7 @@ def _free_bound(problem: Problem, measure: Measure, kept: Indices, deadline: flo
 
 
 def _halfway(deadline: float) -> float:
-    now = time.perf_counter()
+    now = time.process_time()
     return now + 0.5 * (deadline - now)
 
 

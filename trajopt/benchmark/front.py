@@ -134,7 +134,7 @@ def front(
         problem: A problem, the name of a built-in one, or a problem file.
         measure: `jerk` or `acceleration`, whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known duration.
-        time_limit: Seconds for the proof of each point; with 0 nothing is proved.
+        time_limit: Seconds of CPU time for the proof of each point; with 0 nothing is proved.
 
     Raises:
         InvalidInput: A duration is no positive number, or too short for any motion known.

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import trajopt
-from baselines.front.bound import problem_rows, prove
+from baselines.front.bound import _tamed, problem_rows, prove
+from baselines.front.curve import bound_with_limits
 from baselines.front.dual import free_bounds
 from baselines.front.least import least, without_limits
+from baselines.lower_bound.incumbent import incumbent
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
@@ -22,7 +24,7 @@ FAR = Limits(velocity=[100.0], acceleration=[1000.0])
 def bounded(problem, order=3, within=2e-3, seconds=60.0):
     measure = {3: "jerk", 2: "acceleration"}[order]
     value = without_limits(problem, measure)
-    deadline = time.perf_counter() + seconds
+    deadline = time.process_time() + seconds
     return value, prove(problem, order, None, value, within=within, deadline=deadline)
 
 
@@ -83,12 +85,32 @@ def test_with_active_limits_the_bound_is_above_the_one_without():
         2.0,
         found.value,
         within=5e-3,
-        deadline=time.perf_counter() + 60,
+        deadline=time.process_time() + 60,
         times=np.diff(found.trajectory.waypoint_times),
     )
     assert bound.closed
     assert found.value * (1 - 5.1e-3) < bound.lower <= found.value
     assert bound.lower > 16477.7 / 2.0**5
+
+
+@pytest.mark.parametrize(("name", "kept"), [("one-joint", [0, 3]), ("repeated", [0, 1, 2, 3])])
+def test_where_many_limits_act_the_bound_is_close(name, kept):
+    """At 1.2 times the minimum. One joint that never turns passes its waypoints anyway."""
+    problem, _ = load(name).merged()
+    fastest = incumbent(problem, 10.0)
+    found = least(problem, "jerk", 1.2 * fastest.duration, fastest.trajectory)
+    bound = bound_with_limits(problem, "jerk", found, 20.0)
+    assert bound.closed
+    assert bound.proof.kept.tolist() == kept
+    assert found.value * (1 - 5.1e-3) < bound.lower <= found.value
+
+
+def test_scaled_costates_prove_enough():
+    """`2 y·c − y'Gy` of a best `y` is its value `v`, of `t y` it is `(2 t − t²) v`."""
+    values = np.array([1.0, 1.5, 2.0, 1e9])
+    t = _tamed(np.ones((4, 2, 3)), values, 1.5)[:, 1, 1]
+    assert (2 * t - t**2) * values == pytest.approx(np.minimum(values, 1.5), rel=1e-6)
+    assert (t > 0).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
