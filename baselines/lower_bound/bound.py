@@ -111,6 +111,14 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
     waits = problem.route.demand("dwell").sum()
     least = problem.route.demand("least_times")
     known = float(np.maximum(stop_times(problem), least).sum() + waits)
+    given = problem.route.demand("given_times").sum() + waits
+    if "given_times" in problem.demands:
+        if best is not None:
+            return Bound(given, best.duration, 0.0, "proved", best.trajectory)
+        closed_form = end_to_end_bound(problem)
+        if closed_form > given * (1 + _ROUNDING_RTOL):
+            return _impossible(given, closed_form, None)
+        known = given * (1 + within) ** 2
     relaxation = thinned(problem)
     motion = None
     if best is not None:
@@ -119,8 +127,16 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
         motion = replace(best.trajectory, waypoint_times=passed)
     outcome = branch_and_bound(relaxation, known / (1 + within), within, deadline, motion)
     late = time.perf_counter() > deadline
+    if "given_times" in problem.demands and outcome.lower_bound > given * (1 + _ROUNDING_RTOL):
+        return _impossible(given, outcome.lower_bound, outcome.proof)
     word = "time limit" if late else "stopped: no progress"
     return _bound(outcome.lower_bound, best, within, word, outcome.proof)
+
+
+def _impossible(given: float, lower: float, proof: BoundProof | None) -> Bound:
+    """Return that no motion has the given times, s: none so slow is so brief."""
+    message = f"no motion has the given times, {given:.9g} s together: it would take {lower:.9g} s"
+    return Bound(lower, np.inf, np.inf, "infeasible", None, message, proof)
 
 
 def _spline353(problem: Problem, within: float, deadline: float) -> Bound:

@@ -185,7 +185,7 @@ class _BranchAndBound:
         idle_splits = 0
         while not self.late and idle_splits < _MAX_IDLE_SPLITS:
             bound, _, node = heapq.heappop(pending)
-            if bound >= self.target:
+            if bound >= self.target or not self._widths(node.box).any():
                 break
             idle_splits += 1
             if bound - best > _MIN_PROGRESS * (self.target - best):

@@ -42,7 +42,10 @@ class Prove(Planner):
 
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
-    knows = (*LIMIT_NAMES, FallingVelocity.key, "segment", *END_STATES, "least_times", "dwell")
+    knows = (
+        *(*LIMIT_NAMES, FallingVelocity.key, "segment"),
+        *(*END_STATES, "least_times", "given_times", "dwell"),
+    )
     drops = True
 
     def __post_init__(self) -> None:
@@ -73,7 +76,9 @@ class Prove(Planner):
         """
         bound = self.bound(problem)
         if bound.status == "infeasible":
-            return Solution(Status.INFEASIBLE, message=bound.message)
+            proof = bound.proof.arrays() if bound.proof else {}
+            stated = bound.lower_bound if np.isfinite(bound.lower_bound) else None
+            return Solution(Status.INFEASIBLE, None, bound.message, stated, stats=proof)
         known = np.isfinite(bound.upper_bound)
         stats: dict[str, Any] = {
             "proof": bound.status,

@@ -76,7 +76,8 @@ class Relaxation:
         h: Displacements, `(segments, joints)`; only joints that move count.
         v, a, j: Sizes of the limits, downwards and upwards, `(2, segments, joints)`. Velocities are
             those that accelerating and braking within the cut-off can reach.
-        least: Least times of the segments, `(segments,)`.
+        least: Least times of the segments, `(segments,)`; given ones too.
+        given_times: Times of the segments that are given, else 0, likewise.
         waits: Times at rest at the waypoints, s, `(waypoints,)`. No variable counts them: a motion
             is as much longer.
         limited: Where a joint has a jerk limit, on one side at least, `(segments, joints)`.
@@ -133,7 +134,8 @@ class Relaxation:
         self.falling = _falling(problem, time_unit, lengths)
         self.above = np.fmin(self.above, self.falling.room[1])
         self.below = np.fmax(self.below, -self.falling.room[0])
-        self.least = problem.route.demand("least_times") / time_unit
+        self.given_times = problem.route.demand("given_times") / time_unit
+        self.least = problem.route.demand("least_times") / time_unit + self.given_times
         self.waits = problem.route.demand("dwell")
         self._count_variables()
 
@@ -265,7 +267,7 @@ class Relaxation:
         backwards = -self.h / self.v[0]
         shortest = np.maximum(forwards, backwards).max(axis=1)
         low[self.time] = np.maximum(shortest * (1 - ROUNDING_RTOL), self.least)
-        high[self.time] = self.cutoff
+        high[self.time] = np.where(self.given_times > 0, self.given_times, self.cutoff)
         slowest, fastest = np.fmin(
             self._of_both(self.v), self.falling.allowed[:, self.segment_before + 1]
         )

@@ -599,7 +599,7 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
     ("key", "words"),
     [
         ("relative_dynamics_factor", "a speed is not asked for"),
-        ("timepoints", "times of waypoints are not given"),
+        ("timepoints", "the nearest is given_times,"),
         (
             "current_velocity",
             "in this tool; the nearest is start_velocity,",

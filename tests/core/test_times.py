@@ -134,6 +134,57 @@ def test_a_bound_counts_them(limits, demands):
     assert Prove().stored_bound(problem, found.stats) == found.lower_bound
 
 
+@pytest.mark.parametrize(("limits", "planner"), EXACT)
+def test_given_times_are_kept_or_proved_impossible(limits, planner):
+    """The optimum's own times 1 % faster are impossible: their total is below the minimum."""
+    fastest = np.diff(planner.solve(Problem(WAYPOINTS, limits)).trajectory.waypoint_times)
+    for times in (fastest * [1.01, 1.3, 1.0], fastest * (1 + 1e-6)):
+        problem = Problem(WAYPOINTS, limits, given_times=times)
+        motion = planner.solve(problem).trajectory
+        assert verify(problem, motion).feasible
+        assert np.diff(motion.waypoint_times) == pytest.approx(times, rel=1e-10)
+        assert Prove().solve(problem).lower_bound == pytest.approx(times.sum(), rel=1e-10)
+    problem = Problem(WAYPOINTS, limits, given_times=0.99 * fastest)
+    answer = planner.solve(problem)
+    assert answer.status is Status.FAILED
+    assert "none found in the given" in answer.message
+    proved = Prove().solve(problem)
+    assert proved.status is Status.INFEASIBLE
+    assert proved.lower_bound > 0.99 * fastest.sum()
+    assert Prove().stored_bound(problem, proved.stats) == proved.lower_bound
+
+
+def test_a_segment_faster_than_its_velocity_limit_is_impossible_at_once():
+    problem = Problem(WAYPOINTS, LIMITS, given_times=[5.0, 0.3, 5.0])
+    proved = Prove().solve(problem)
+    assert proved.status is Status.INFEASIBLE
+    assert proved.lower_bound == pytest.approx(10.5)  # 1 rad at 2 rad/s in place of 0.3 s
+
+
+def test_a_stream_is_retimed_at_its_own_spacing():
+    """Rounded samples at 50 Hz, some of them twice: a motion through all of them, on time."""
+    t = np.arange(0.0, 1.001, 0.02)
+    s = t**3 * (10 - 15 * t + 6 * t**2)
+    samples = np.round(np.outer(s, [0.5, -0.3]), 4)
+    problem = Problem(samples, Limits([2.0, 2.0], [8.0, 8.0]), given_times=[0.02] * 50)
+    motion = Exact().solve(problem).trajectory
+    certificate = verify(problem, motion)
+    assert certificate.feasible
+    assert certificate.certified_duration == pytest.approx(1.0, rel=1e-12)
+    assert np.abs(motion(t) - samples).max() <= 1e-9
+
+
+def test_no_slower_motion_has_the_given_times():
+    fastest = Exact().solve(Problem(WAYPOINTS, LIMITS)).trajectory
+    fast = fastest.dilated(0.99)
+    problem = Problem(WAYPOINTS, LIMITS, given_times=np.diff(fast.waypoint_times))
+    certificate = verify(problem, fast)
+    assert certificate.certified_duration is None
+    assert certificate.flaws[0].endswith("and the times are given")
+    slow = verify(problem, fastest)
+    assert "s, 0.808332 s are given" in slow.flaws[0]
+
+
 def test_asking_for_nothing_changes_nothing():
     plain = Problem(WAYPOINTS, LIMITS)
     asked = Problem(WAYPOINTS, LIMITS, least_times=[0, 0, 0], dwell=[0, 0, 0, 0])
@@ -149,6 +200,8 @@ def test_asking_for_nothing_changes_nothing():
             {"least_times": [0, -1, 0]},
             "least_times, segment 2 is -1: expected a time of at least 0",
         ),
+        ({"given_times": [1, 0, 1]}, "given_times, segment 2 is 0.0: expected a time above 0"),
+        ({"given_times": [1, 1, 1], "least_times": [0, 1, 0]}, "expected it without least_times"),
         ({"dwell": [0, np.inf, 0, 0]}, "dwell, waypoint 2 is inf: expected a time of at least 0"),
         (
             {"dwell": [1, 0, 0, 0], "start_velocity": [1, 0]},

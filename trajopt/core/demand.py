@@ -198,6 +198,18 @@ class _Times(Demand):
         return is_number(item) and item >= 0
 
 
+class _GivenTimes(_Times):
+    """The time of each segment, all of them or none."""
+
+    _right = "a time above 0, s"
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        for segment in np.flatnonzero(numbers == 0).tolist():
+            raise InvalidInput(f"{self.key}, segment {segment + 1}", self._right, value=0.0)
+        if "least_times" in demands:
+            raise InvalidInput(self.key, "it without least_times", value=numbers.tolist())
+
+
 class _Closed(Demand):
     """Whether the motion ends as it begins: true or false."""
 
@@ -354,6 +366,16 @@ DEMANDS: Mapping[str, Demand] = {
             time=1,
             example="least_times = [0, 1.5, 0]",
             left_out="relaxation",
+            separates=True,
+        ),
+        _GivenTimes(
+            "given_times",
+            "time of each segment, exactly",
+            ("segments",),
+            time=1,
+            example="given_times = [1.5, 1.5, 1]",
+            left_out="relaxation",
+            dilatable=False,
             separates=True,
         ),
         _Dwell(

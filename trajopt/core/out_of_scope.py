@@ -70,8 +70,9 @@ _ELSEWHERE = {
         r"((desired|target|total)_)?durations?|(desired|total)_times?"
     ): _SPEED,
     r"(way_?point_)?times|time_?(points|stamps)|knots": (
-        "times of waypoints are not given in this tool, the planner finds them; the nearest is "
-        "`trajopt judge`, for a motion that has times"
+        "the planner finds the times of waypoints; the nearest is given_times, beside the "
+        "waypoints of a problem file, a time per segment; or `trajopt judge`, for a motion that "
+        "has times"
     ),
     r"(intermediate|via)_(positions|points)": (
         "points between start and goal are rows of waypoints, in order, with both ends"

@@ -23,7 +23,8 @@ from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
-_JUDGED = (*END_STATES, "least_times", "dwell", "closed", "tolerance")
+_JUDGED = (*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance")
+GIVEN_RTOL = 1e-9  # of a given time of a segment, relative: its rounding
 KEPT_RTOL = 1e-12  # rounding of a limit that a motion which cannot be dilated may use
 NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
@@ -308,13 +309,17 @@ def _judged(
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if overflowing:
         flaws.append("its peaks are not finite numbers")
+    if "given_times" in problem.demands and at_rest:
+        flaws += _other_times(problem, trajectory, begins)
     if not problem.route.dilatable and at_rest and not flaws:
         if dilation <= 1 + KEPT_RTOL:
             dilation = min(dilation, 1.0)
         else:
             from trajopt.judging.slower import slower  # late: it needs parts of SciPy
 
-            found = slower(problem, judged, lambda own: _kept(problem, own, unjudged))
+            found = None
+            if "given_times" not in problem.demands:
+                found = slower(problem, judged, lambda own: _kept(problem, own, unjudged))
             if found is None:
                 flaws.append(_not_slower(problem, uses))
             else:
@@ -353,6 +358,9 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
     kinds = problem.limits.kinds
     key = max(uses, key=lambda key: kinds[key].dilation(uses[key]))
     use = uses[key]
+    if "given_times" in problem.demands:
+        amount = KINDS[key].amount(use, problem)
+        return f"{where(use, problem)}: {KINDS[key].name()} {amount}, and the times are given"
     ends = [name for name in ("start", "end") if any(map(np.any, getattr(problem.route, name)))]
     return (
         f"{where(use, problem)}: {KINDS[key].name()} {KINDS[key].amount(use, problem)}, and no "
@@ -371,6 +379,17 @@ def _within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
     inside = np.clip(passed, problem.waypoints - r, problem.waypoints + r)
     moved = np.where(r > 0, np.clip(inside, low, high), problem.waypoints)
     return replace(problem.without("tolerance"), waypoints=moved)
+
+
+def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> list[str]:
+    """The sentence of the segment whose time differs most from the given one, if one does."""
+    given = problem.demands["given_times"]
+    taken = np.diff(trajectory.waypoint_times)
+    worst = int(np.abs(taken / given - 1).argmax())
+    if abs(taken[worst] / given[worst] - 1) <= GIVEN_RTOL:
+        return []
+    at = trajectory.waypoint_times[worst] + begins
+    return [f"at {at:.6g} s: a segment takes {taken[worst]:.6g} s, {given[worst]:.6g} s are given"]
 
 
 def _least_times(problem: Problem, trajectory: Trajectory) -> Use | None:

@@ -35,9 +35,9 @@ def end_to_end_bound(problem: Problem) -> float:
 
     The longer of two relaxations: every joint alone, straight from the first to the last waypoint
     (the optimum itself where there are two waypoints and jerk limits are symmetric), if the motion
-    is from rest to rest; and every segment at full velocity, or in its least time. Waits are added.
-    Position limits are lifted, and waypoints that rounding may miss are left out. 0 where a demand
-    widens the problem.
+    is from rest to rest; and every segment at full velocity, or in its least or given time. Waits
+    are added. Position limits are lifted, and waypoints that rounding may miss are left out. 0
+    where a demand widens the problem.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
     if "restriction" in left_out:
@@ -54,7 +54,8 @@ def end_to_end_bound(problem: Problem) -> float:
     backward, forward = _sides(passed.limits.velocity)
     top = np.where(h >= 0, forward, -backward)
     cruising = np.abs(h) / top
-    longest = np.maximum(cruising.max(axis=1), route.demand("least_times"))
+    least = route.demand("least_times") + route.demand("given_times")
+    longest = np.maximum(cruising.max(axis=1), least)
     bound = max(straight.max(), longest.sum()) + route.demand("dwell").sum()
     return float(bound) * (1 - _ROUNDING_RTOL)
 

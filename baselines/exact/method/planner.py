@@ -25,7 +25,9 @@ Start = TypeVar("Start")
 
 
 # Demands on the way that the programs of both planners have.
-DEMANDS_KNOWN = ("least_times", "closed")
+DEMANDS_KNOWN = ("least_times", "given_times", "closed")
+# Total of the segments' times above that of the given ones, relative: as given.
+_GIVEN_RTOL = 1e-10
 
 
 def without_ipopt(solver: str, problem: Problem) -> str | None:
@@ -122,6 +124,13 @@ class SeveralStarts(Planner):
             message = no_start_succeeded(statuses)
             return Solution(Status.FAILED, message=message, stats=stats)
         answer = scaled.trajectory(best.times, best.states)
+        given = scaled.problem.route.demand("given_times").sum()
+        if given and answer.duration > given * (1 + _GIVEN_RTOL):
+            found = (
+                f"none found in the given {given:.6g} s; in {answer.duration:.6g} s there is one"
+            )
+            message = f"{found} that takes no segment faster"
+            return Solution(Status.FAILED, message=message, stats=stats)
         ignored = [KINDS[key].name() for key in self.unknown(scaled.problem)]
         if not ignored:
             return Solution(Status.SOLVED, answer, stats=stats)

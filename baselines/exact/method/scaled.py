@@ -48,7 +48,8 @@ class Scaled:
         acceleration = _by_side(limits.acceleration, moving, rows)
         jerks = np.abs(_by_side(limits.jerk, moving, rows))
 
-        least = problem.route.demand("least_times")
+        # the least total of times that are no briefer than given is theirs, if a motion has them
+        least = problem.route.demand("least_times") + problem.route.demand("given_times")
         stop = np.maximum(stop_times(known), least)
         route = problem.route
         end_v, end_a = np.stack([route.start, route.end], axis=1)[..., moving]

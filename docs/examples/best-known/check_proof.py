@@ -125,9 +125,10 @@ claimed, stats = said["solution"]["lower_bound"], said["solution"]["stats"]
 proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.items()}
 points = said["problem"]["waypoints"]
 others = {key: x for key, x in said["problem"].items() if key not in PLAIN}
-if others.keys() - {"dwell", "least_times", *ENDS[0], *ENDS[1]}:
+if others.keys() - {"dwell", "given_times", "least_times", *ENDS[0], *ENDS[1]}:
     refuse(f"{', '.join(others)}: not all of these are known here")
-least = others.get("least_times", [NONE] * (len(points) - 1))  # of each segment
+given = others.get("given_times")  # all segments' times
+least = given or others.get("least_times", [NONE] * (len(points) - 1))  # of each segment
 waits = others.get("dwell", [NONE] * len(points))  # at each waypoint, at rest
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
@@ -249,7 +250,7 @@ def root_box():
     low, high = [NONE] * before, [NONE] * before  # times, velocities, accelerations
     for k, row in enumerate(way):
         low[k] = max(least[k] / unit, *(down(abs(h) / V[k][j][h > 0]) for j, h in enumerate(row)))
-        high[k] = U
+        high[k] = least[k] / unit if given else U
     for k, j in ((k, j) for k in range(K - 1) for j in range(N)):
         low[v + k * N + j], high[v + k * N + j] = -allowed(k + 1, j, 0), allowed(k + 1, j, 1)
         if j in jerky:
