@@ -1,9 +1,12 @@
 """The repair joint by joint: what each limit of a joint asks to be continuous, and no more."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from trajopt import Limits, Problem, Trajectory, verify
+from trajopt.judging import repair
 from trajopt.judging.repair import repaired
 
 INF = np.inf
@@ -84,3 +87,17 @@ def test_one_number_that_overflows_makes_repair_impossible(joint, segment):
     certificate = verify(problem(None), given)
     assert not certificate.valid
     assert certificate.certified_duration is None
+
+
+@pytest.mark.parametrize("side", ["low", "high"])
+def test_an_excess_beside_a_limit_gains_less_than_rounding(side):
+    """At a waypoint 1e-12 rad from the nearer limit it is 1e-10 times sqrt(1e-12 · 1)."""
+    near = 1e-12
+    waypoints = np.array([[near], [1.0]])
+    limits = Limits([9.0], [9.0], position=[[0.0, 5.0]])
+    if side == "high":
+        waypoints, limits = -waypoints, Limits([9.0], [9.0], position=[[-5.0, 0.0]])
+    problem = Problem(waypoints, limits)
+    layout = SimpleNamespace(waypoints=problem.waypoints)
+    allowed = repair._allowed_excess(problem, layout, np.zeros((2, 1)))
+    assert allowed.item() == pytest.approx(1e-16, rel=1e-6, abs=0)

@@ -131,3 +131,13 @@ def test_rounding_is_no_jump():
     two = Problem([[1e3, 1e3], [1e3 + 1, 1e3]], Limits([1.0, 1.0], [1.0, 1.0]))
     motion = Trajectory(slow.breaks, table, slow.waypoint_times).refined([1e4, 5e4])
     assert smoothness(two, motion).jerk_integral < np.inf
+
+
+@pytest.mark.parametrize("pieces", [[[0.0, 0.0], [0.0, 1.0]], [[1.0, 1.0], [0.0, 0.5]]])
+def test_one_jump_of_position_or_velocity_makes_both_integrals_infinite(pieces):
+    """Standing at 0 and then at 1 rad; or at constant speed from 0 to 1 rad."""
+    coefficients = np.array(pieces)[:, :, None]
+    motion = Trajectory([0.0, 0.5, 1.0], coefficients, [0.0, 1.0])
+    found = smoothness(PROBLEM, motion)
+    assert found.jerk_integral == found.acceleration_integral == np.inf
+    assert found.jump is not None

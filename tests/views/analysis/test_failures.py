@@ -15,7 +15,7 @@ from trajopt.benchmark.trial import Configuration, Trial, trials_of, unanswered
 from trajopt.cli.suite_table import show
 from trajopt.planners.swarm_planner import Unoptimised
 from trajopt.views import report
-from trajopt.views.analysis.failures import failures, in_words
+from trajopt.views.analysis.failures import Failure, Reason, failures, in_words
 from trajopt.views.results import Results
 
 LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0, 0.5]]), "limited")
@@ -111,3 +111,11 @@ def test_the_terminal_says_why_planners_failed(
     show(Results(as_runs([*items, message(Status.CRASHED, "boom")], "own")), tmp_path)
     said = " ".join(capsys.readouterr().out.split())
     assert "own: 4 failed: 3 timeout: stopped after … s; 1 crashed: boom" in said
+
+
+def test_a_failure_says_its_kind_and_the_largest_size():
+    assert (
+        str(Failure([], Reason("miss a waypoint", 0.25, "rad")))
+        == "miss a waypoint, worst 0.25 rad"
+    )
+    assert str(Failure([], Reason("gave up"))) == "gave up"

@@ -13,6 +13,7 @@ from statsmodels.stats.multitest import multipletests
 
 from trajopt.views import table_cells
 from trajopt.views.analysis.pairwise import (
+    _seed_row,
     against,
     between_seeds,
     mean_ranks,
@@ -347,3 +348,11 @@ def test_what_one_family_cannot_test_is_said_so():
     assert table_cells.evidence(row) == "proved"
     row = SimpleNamespace(proved=False, groups=9, holm=0.01)
     assert table_cells.evidence(row) == "yes"
+
+
+def test_a_planner_without_an_answer_is_infinitely_slower():
+    """Between seeds: no number where neither has one."""
+    never, answers = np.full(3, np.inf), np.array([1.0, 2.0, 3.0])
+    assert _seed_row(never, answers)["ratio"] == np.inf
+    assert _seed_row(answers, never)["ratio"] == 0
+    assert np.isnan(_seed_row(never, never)["ratio"])
