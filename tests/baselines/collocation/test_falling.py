@@ -46,12 +46,10 @@ def duration(problem: Problem) -> float:
     return certificate.certified_duration
 
 
-@pytest.mark.parametrize("goal", [2.45, 2.7, 2.742])
+@pytest.mark.parametrize("goal", [2.45, 2.7, -2.7])
 def test_it_follows_the_parabola_to_rest_near_the_end(goal):
-    optimum = to_rest_near_the_end(goal)
+    optimum = to_rest_near_the_end(abs(goal))
     assert optimum * (1 - 1e-9) <= duration(one_joint(0.0, goal)) <= optimum * (1 + 2 * ERROR)
-    mirrored = duration(one_joint(0.0, -goal))
-    assert mirrored == pytest.approx(duration(one_joint(0.0, goal)), rel=1e-6)
 
 
 def test_a_wide_jerk_limit_costs_little():
@@ -85,7 +83,7 @@ def test_equal_intervals_keep_it_too():
 @pytest.mark.parametrize("jerk", [None, 200.0])
 def test_random_problems_keep_it_at_dense_samples(jerk):
     rng = np.random.default_rng(5)
-    for _ in range(1 if jerk else 2):
+    for _ in range(3):
         low, high = np.array([-2.0, -1.0]), np.array([2.0, 1.5])
         o, d = rng.uniform(0, 0.4, 2), rng.uniform(1, 12, 2)
         near = o**2 / (2 * d) + 2e-3
@@ -93,7 +91,7 @@ def test_random_problems_keep_it_at_dense_samples(jerk):
         law = {"offset": o, "deceleration": d, "position": np.column_stack([low, high])}
         limits = Limits([3.0, 3.0], [8.0, 8.0], jerk and [jerk] * 2, falling_velocity=law)
         problem = Problem(waypoints, limits)
-        motion = CollocationRefined(starts=1).solve(problem).trajectory
+        motion = Collocation(intervals=8).solve(problem).trajectory
         t = np.linspace(0, motion.duration, 20_001)
         q, v = motion(t), motion(t, 1)
         assert (v <= np.maximum(0, np.sqrt(2 * d * (high - q)) - o) + 1e-7).all()
