@@ -53,6 +53,13 @@ class Prove(Planner):
             if not getattr(self, name) > 0:
                 raise InvalidInput(name, "a positive number", value=getattr(self, name))
 
+    def unknown(self, problem: Problem) -> list[str]:
+        """Return the kinds of limits that do not count: for splines falling velocities too."""
+        left_out = super().unknown(problem)
+        if self.family != "free" and problem.has(FallingVelocity.key):
+            left_out.append(FallingVelocity.key)
+        return left_out
+
     def relation(self, problem: Problem) -> Relation:
         if self.family != "free":
             return Relation.RESTRICTION

@@ -150,3 +150,9 @@ def test_the_record_s_text_holds_the_limit():
     record = records.made(problem, replace(motion, lower_bound=0.1), origin, origin)
     said = json.loads(trial_text.write(record.trial, brief=True))
     assert len(said["problem"]["limits"]["falling_velocity"]) == 2
+
+
+def test_a_bound_of_splines_leaves_the_limit_out_and_says_so():
+    problem = one_joint(0.0, 0.5, 2.0, 2.6)
+    found = Prove(family="spline353", within=1e-2, time_limit=5).solve(problem)
+    assert "falling velocity limits are left out" in found.message
