@@ -117,7 +117,7 @@ def test_a_cut_log_is_judged_and_a_line_says_so(run):
     text = " ".join(out.split())
     assert code == 1
     assert "q1 needs at least 1.17" in text
-    assert "Slowed down 1.17" in text
+    assert "At their own spacing the samples take at least 1.17" in text
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.json", "out.yaml"])

@@ -425,6 +425,32 @@ def test_what_is_read_as_it_stands(run, case):
     assert ("what was commanded is read" in err) == (case == "FT4-23")
 
 
+def test_a_policy_s_stream_gets_the_excess_of_each_joint_and_a_lawful_motion(run):
+    """LeRobot: commands at 30 Hz in degrees, q1 at twice its acceleration limit, q2 at less."""
+    times = np.arange(61) / 30
+    share, _ = quintic(times)
+    header = "timestamp,frame_index,action.q1.pos,action.q2.pos,observation.state.q1.pos,"
+    rows = [header + "observation.state.q2.pos"]
+    for frame, (t, s) in enumerate(zip(times.tolist(), share, strict=True)):
+        rows.append(f"{t!r},{frame},{DEG * s:.4f},{-DEG * s / 4:.4f},{DEG * s:.1f},0")
+    least = float(10 / np.sqrt(3) / 4 / 2)  # half of what q1 uses
+    own = f"{{max_velocity: 2, max_acceleration: {least!r}}}"
+    limits = f"joint_limits: {{q1: {own}, q2: {own}}}"
+    line = "verify s.csv --limits l.yaml --unit deg --out lawful.csv --json"
+    code, out, err = run(line, s__csv="\n".join(rows), l__yaml=limits)
+    found = json.loads(out)["evidence"]
+    assert (code, found["verdict"]) == (1, "broken")
+    assert "what was commanded is read" in err
+    assert [own["joint"] for own in found["convictions"]] == [1]
+    first, second = found["acceleration"]["by_joint"]
+    assert (first, second) == (pytest.approx(2, rel=0.03), pytest.approx(0.5, rel=0.03))
+    assert found["slower"]["factor"] == pytest.approx(np.sqrt(2), rel=0.03)
+    assert found["slower"]["at_least"] <= np.sqrt(2)
+    code, out, _ = run("verify lawful.csv --limits l.yaml --json")
+    assert (code, json.loads(out)["feasible"]) == (0, True)
+    assert json.loads(out)["duration"] == pytest.approx(2 * found["slower"]["factor"])
+
+
 PLAN_JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 PLAN_JOINTS += ["panda_finger_joint1", "panda_finger_joint2"]
 PLAN = f"""time_from_start,{",".join(PLAN_JOINTS)}

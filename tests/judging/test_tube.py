@@ -10,6 +10,8 @@ from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
 from trajopt.core.limits import Limits
+from trajopt.core.limits.peaks import peak, ratio
+from trajopt.core.trajectory import Trajectory
 from trajopt.judging.evidence import Log, evidence, passing
 from trajopt.judging.tube import slope, tube
 from trajopt.judging.tube_proof import NO_READINGS, Readings, proved
@@ -335,3 +337,28 @@ def test_a_velocity_that_falls_with_the_position_is_told(share, decimals):
         assert found.conviction.at_least <= share * (1 + 1e-9)
     else:
         assert told.uses <= 1
+
+
+@pytest.mark.parametrize("kinds", [2, 3])
+def test_a_broken_log_gets_the_shortest_lawful_motion_at_its_own_spacing(kinds):
+    """A quintic over h rad in 1 s must take as long as the worst of three closed forms says."""
+    h = [0.5, 0.9]
+    columns = [quintic(own)[1] for own in h]
+    limits = Limits([1, 1], [3, 3], [20, 20] if kinds == 3 else None)
+    found = evidence(log(columns, 5), limits)
+    worst = [1.875 * 0.9, np.sqrt(10 / np.sqrt(3) * 0.9 / 3), np.cbrt(60 * 0.9 / 20)]
+    assert found.verdict == "broken"
+    assert [own.joint for own in found.convictions] == [1, 0][: 1 + (kinds == 3)]
+    # Within the digits a little less will do; never more than that quintic needs.
+    slower = found.slower
+    least = max(worst[:2]) if kinds == 2 else max(worst[0], worst[1])
+    assert slower.at_least <= slower.factor <= slower.at_least * 1.001
+    assert 0.97 * least <= slower.factor <= max(worst[:kinds]) * 1.001
+    passed = slower.motion(slower.factor * 0.002 * np.arange(501))
+    assert np.abs(passed - np.stack(columns, axis=1)).max() <= 1e-5 * (1 + 1e-6)
+    again = Trajectory(
+        slower.motion.breaks, slower.motion.coefficients, [0, slower.motion.duration]
+    )
+    for order, values in enumerate([limits.velocity, limits.acceleration, limits.jerk], start=1):
+        assert peak(again, order, values, ratio).value <= 1 + 1e-6
+    assert evidence(log(columns, 5), Limits([3, 3], [30, 30])).slower is None

@@ -47,6 +47,21 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
             f"No motion within the {within} keeps the limits: "
             f"{_proved(found.conviction, execution)} (proved)."
         )
+        if len(found.convictions) > 1:
+            labels = execution.problem.joint_labels
+            each = [
+                f"{labels[own.joint]} {own.at_least:.4f}"
+                for own in found.convictions
+                if own.limit != "position"
+            ]
+            yield f"Times its limits, each joint that breaks some: {', '.join(each)}."
+        if found.slower is not None:
+            slower = found.slower
+            yield (
+                f"At their own spacing the samples take at least {slower.at_least:.4f} times as "
+                f"long (proved). A motion keeps the limits in {slower.factor:.4f} times as long, "
+                f"{slower.motion.duration:.6f} s."
+            )
         if found.by_positions not in (None, "broken"):
             yield (
                 "The velocities are part of the proof: by the positions alone the verdict is "

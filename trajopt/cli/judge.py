@@ -131,7 +131,9 @@ def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False
         what = "no log" if found.evidence is None else "a log without a motion within its digits"
         console.note(f"{path} is not written: {found.motion.name} is {what}")
     elif not quiet:
-        console.line(f"{path}: the motion within the digits")
+        slower = found.evidence and found.evidence.slower
+        longer = f", {slower.factor:.4f} times as long: it keeps the limits" if slower else ""
+        console.line(f"{path}: the motion within the digits{longer}")
 
 
 def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:

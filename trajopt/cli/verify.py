@@ -195,8 +195,9 @@ def _print_execution(found: Execution, limits: str) -> None:
         if found.evidence.motion is None:
             return
         console.paragraph(f"The motion within the digits, {certificate.duration:.6f} s:")
-        for sentence in () if certificate.feasible else _mended(certificate, "polynomial"):
-            console.paragraph(sentence)
+        if not certificate.feasible and found.evidence.slower is None:
+            for sentence in _mended(certificate, "polynomial"):
+                console.paragraph(sentence)
         print_worst(certificate, found.problem)
         return
     pieces = len(found.motion.trajectory.lengths)

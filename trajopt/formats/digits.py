@@ -20,6 +20,7 @@ from trajopt.formats.samples import Samples
 
 _COARSE = 4  # units of the last digit; a smaller step of a sensor does not matter
 _STEP_RTOL = 0.02  # of a step: by which multiples may differ from whole ones
+_NOTHING = 1e-9  # of a step in time
 _MIN_DISTINCT = 12  # different numbers, from which a step is recognised
 _REPEATED = 0.02  # share of numbers that repeat the one before, in what a coarse sensor measures
 
@@ -71,6 +72,8 @@ def _of_numbers(values: Array) -> tuple[Array, tuple[int, ...]]:
 def time_half_digit(texts: Sequence[str], values: Array, elapsed: Sequence[int]) -> float:
     """Return half a unit of the last digit of times; 0 where all are on a coarser, even grid.
 
+    So it is where the last digit is nothing beside the steps.
+
     Args:
         texts: The times as they are written.
         values: The same times, `(times,)`.
@@ -79,7 +82,8 @@ def time_half_digit(texts: Sequence[str], values: Array, elapsed: Sequence[int])
     steps = {later - earlier for earlier, later in pairwise(elapsed)}
     if len(steps) == 1 or gcd(*steps) > 1:
         return 0.0
-    return float((0.5 * 10.0 ** -_decimals(texts, values)).max())
+    found = float((0.5 * 10.0 ** -_decimals(texts, values)).max())
+    return found if found > _NOTHING * float(np.median(np.diff(values))) else 0.0
 
 
 def _decimals(texts: Sequence[str], values: Array) -> Array:

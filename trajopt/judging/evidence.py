@@ -57,6 +57,9 @@ VELOCITY_WORTH: dict[LimitName, float] = {"velocity": 1.0, "acceleration": 6.0, 
 _UNLIMITED: Limit = (-np.inf, np.inf)
 _WAYPOINT_SHARE = 1e-7  # of a joint's span: half width at a waypoint, within what is repaired
 _MAX_NARROWINGS = 4
+_MAX_STRETCHES = 5
+_MAX_SLOWER = 1e4  # times as long: beyond that no motion is looked for
+_SLOWER_RTOL = 5e-4  # between what a motion takes at least and at most
 _LEAST_RATE = 1e-3  # of a velocity limit: no smaller one is asked for
 _MAX_PASSAGES = 3  # samples that are tried as the passage of a waypoint
 _SINGLE_ROUNDS = 2  # of knots added for one limit alone
@@ -130,6 +133,21 @@ class Conviction:
 
 
 @dataclass(frozen=True, eq=False)
+class Slower:
+    """The samples of a broken log, passed at their own spacing in time but more slowly.
+
+    Attributes:
+        at_least: Every lawful motion within the half widths takes so many times as long.
+        factor: The motion takes so many times as long as the log.
+        motion: It keeps the limits.
+    """
+
+    at_least: float
+    factor: float
+    motion: Trajectory
+
+
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """What a log tells.
 
@@ -139,22 +157,29 @@ class Evidence:
         motion: The motion within the half widths that uses the least of the limits; None where
             none was found.
         at_rest: Whether that motion rests at both ends; if not, the log was cut.
-        conviction: The proof; None unless the verdict is `broken`.
+        convictions: Of each joint the strongest proof; none unless the verdict is `broken`.
         log: The samples.
         noise: The standard deviation that was given, rad; 0 for digits alone.
         window: The window that was asked for, s.
         by_positions: The verdict without the velocities, where these are part of the proof.
+        slower: For a broken log, the shortest lawful motion through its samples that was found.
     """
 
     verdict: Verdict
     limits: dict[str, Told]
     motion: Trajectory | None
     at_rest: bool
-    conviction: Conviction | None
+    convictions: Sequence[Conviction]
     log: Log
     noise: float
     window: float
     by_positions: Verdict | None = None
+    slower: Slower | None = None
+
+    @property
+    def conviction(self) -> Conviction | None:
+        """The strongest proof; None unless the verdict is `broken`."""
+        return self.convictions[0] if self.convictions else None
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
@@ -170,8 +195,11 @@ class Evidence:
         }
         for name, told in self.limits.items():
             table[name] = {**vars(told), "joint": told.joint + 1}
-        broken = self.conviction
-        table["conviction"] = broken and {**vars(broken), "joint": broken.joint + 1}
+        broken = [{**vars(own), "joint": own.joint + 1} for own in self.convictions]
+        table["conviction"] = broken[0] if broken else None
+        table["convictions"] = broken
+        slower = self.slower
+        table["slower"] = slower and {"at_least": slower.at_least, "factor": slower.factor}
         return table
 
 
@@ -204,11 +232,11 @@ def evidence(
     chosen = resting if at_rest else moving
     singles = [own.singles() for own in joints]
     lows = [max(pair, key=lambda found: found.low) for pair in pairs]
-    conviction = _conviction(joints, lows, singles)
+    convictions = _convictions(joints, lows, singles)
     motion = _joined(chosen, log.times[[0, -1]])
     told = dict(_told(log, limits, joints, singles, motion))
     verdict: Verdict = "cannot be told"
-    if conviction is not None:
+    if convictions:
         verdict = "broken"
     elif max(found.high for found in chosen) <= 1 + KEPT_RTOL and not any(
         len(own.beyond_between(found)) for own, found in zip(joints, chosen, strict=True)
@@ -221,7 +249,10 @@ def evidence(
         by_positions = evidence(
             positions, limits, window=window, accelerations=accelerations
         ).verdict
-    return Evidence(verdict, told, motion, at_rest, conviction, log, noise, window, by_positions)
+    slower = _slower(joints, lows, at_rest) if verdict == "broken" else None
+    return Evidence(
+        verdict, told, motion, at_rest, convictions, log, noise, window, by_positions, slower
+    )
 
 
 def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> Evidence:
@@ -314,6 +345,7 @@ class _Joint:
         shift: Half width of each time, s.
         logged: The velocities with their digits.
         others: Limits of other kinds, of this joint alone: some bound its velocity by its position.
+        stretch: How many times as long the motion may take: its derivatives are as much larger.
     """
 
     times: Array
@@ -324,6 +356,17 @@ class _Joint:
     range: Limit
     logged: Readings
     others: Mapping[str, OtherLimit]
+    stretch: float = 1.0
+
+    def stretched(self, factor: float) -> _Joint:
+        """The same samples, without velocities, where a motion takes so many times as long."""
+        wider = [
+            (low * factor**order, high * factor**order)
+            for order, (low, high) in enumerate(self.limits, start=1)
+        ]
+        velocity, acceleration, jerk = wider
+        limits = (velocity, acceleration, jerk)
+        return replace(self, limits=limits, logged=NO_READINGS, stretch=factor)
 
     @property
     def half(self) -> Array:
@@ -437,8 +480,8 @@ class _Joint:
             lowest, highest = np.full(len(times), low), np.full(len(times), high)
             for key in keys:
                 down, up = self.others[key].velocities(0, *positions(times))
-                lowest = np.maximum(lowest, np.minimum(down, _LEAST_RATE * low))
-                highest = np.minimum(highest, np.maximum(up, _LEAST_RATE * high))
+                lowest = np.maximum(lowest, np.minimum(self.stretch * down, _LEAST_RATE * low))
+                highest = np.minimum(highest, np.maximum(self.stretch * up, _LEAST_RATE * high))
             return lowest, highest
 
         return rates
@@ -448,7 +491,10 @@ class _Joint:
         if not keys or not np.isfinite(found.high):
             return 0.0
         motion = _joined([found], self.times[[0, -1]])
-        return 0.0 if motion is None else max(self.others[key].worst(motion).value for key in keys)
+        if motion is None:
+            return 0.0
+        slow = motion.dilated(self.stretch)
+        return max(self.others[key].worst(slow).value for key in keys)
 
     def _solved(
         self,
@@ -608,27 +654,68 @@ def _through(
     )
 
 
-def _conviction(
+def _convictions(
     joints: Sequence[_Joint], lows: Sequence[TubeAnswer], singles: Sequence[dict[str, float]]
-) -> Conviction | None:
-    """The joint that breaks its limits most, proved in rational numbers."""
+) -> list[Conviction]:
+    """The joints that break limits, proved in rational numbers: position limits, then the most."""
     convictions: list[Conviction] = []
     for joint, (own, found, alone) in enumerate(zip(joints, lows, singles, strict=True)):
+        of_joint: list[Conviction] = []
         beyond = own.beyond
         farthest = int(np.argmax(beyond))
-        if beyond[farthest] > 0:
-            time = float(own.times[farthest])
-            return Conviction(joint, float(beyond[farthest]), "position", time, time)
         share, start, end = own.slope()
         if share > 1 + BROKEN_RTOL:
-            convictions.append(Conviction(joint, share, "velocity", start, end))
+            of_joint.append(Conviction(joint, share, "velocity", start, end))
         if found.low > 1 + BROKEN_RTOL and found.proof is not None:
             least = float(proved(found.proof))
             highest = max(alone, key=lambda name: alone[name])
             limit = highest if alone[highest] > 1 else None
             if least > 1:
-                convictions.append(Conviction(joint, least, limit, *found.span))
-    return max(convictions, key=lambda own: own.at_least, default=None)
+                of_joint.append(Conviction(joint, least, limit, *found.span))
+        if beyond[farthest] > 0:
+            time = float(own.times[farthest])
+            convictions.append(Conviction(joint, float(beyond[farthest]), "position", time, time))
+        elif of_joint:
+            convictions.append(max(of_joint, key=lambda one: one.at_least))
+    return sorted(convictions, key=lambda one: (one.limit != "position", -one.at_least))
+
+
+def _slower(joints: Sequence[_Joint], lows: Sequence[TubeAnswer], at_rest: bool) -> Slower | None:
+    """The shortest lawful motion through the samples at their own spacing; None if none is found.
+
+    The joint that needs the longest decides. All are asked in the order of what they need.
+    """
+    at_least, factor = 1.0, 1.0
+    for joint in sorted(range(len(joints)), key=lambda joint: -lows[joint].low):
+        own = joints[joint]
+        if own.beyond.max() > 0 or lows[joint].low > _MAX_SLOWER:
+            return None
+        if own.stretched(factor).found(at_rest).high <= 1:
+            continue
+        # A motion takes at least the r-th root of its use as long, and at most as long as that.
+        order = max(k for k, (_, high) in enumerate(own.limits, start=1) if np.isfinite(high))
+        low = max(1.0, lows[joint].low ** (1 / order))
+        high = max(factor, lows[joint].low) * (1 + KEPT_RTOL)
+        for _ in range(_MAX_STRETCHES):
+            if own.stretched(high).found(at_rest).high <= 1:
+                break
+            high *= 1 + 0.1 * high
+        else:
+            return None
+        while high / low > 1 + _SLOWER_RTOL:
+            middle = float(np.sqrt(low * high))
+            found = own.stretched(middle).found(at_rest)
+            if found.high <= 1:
+                high = middle
+            elif found.low > 1:
+                low = middle
+            else:
+                break
+        at_least, factor = max(at_least, low), max(factor, high)
+    motion = _joined(
+        [own.stretched(factor).found(at_rest) for own in joints], joints[0].times[[0, -1]]
+    )
+    return None if motion is None else Slower(at_least, factor, motion.dilated(factor))
 
 
 def _joined(chosen: Sequence[TubeAnswer], waypoint_times: Array) -> Trajectory | None:

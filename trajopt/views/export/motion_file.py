@@ -157,12 +157,15 @@ def write(
 def write_log(path: Path, found: Execution) -> bool:
     """Write the motion within a log's digits, in the formats of `write`; tell if there is one.
 
+    Of a broken log it is the slower one that keeps the limits, if one was found.
     Samples are at the motion's breaks, so cubic pieces between them are the motion itself. A trial
     (.h5) has the motion as its planner, and the log's verdict is not in it.
     """
-    motion = None if found.evidence is None else found.evidence.motion
-    if motion is None:
+    told = found.evidence
+    if told is None or (told.motion is None and told.slower is None):
         return False
+    motion = told.motion if told.slower is None else told.slower.motion
+    assert motion is not None
     own = passing(found.problem, motion)
     if path.suffix == ".h5":
         given = GivenMotion(read_motion(own))
