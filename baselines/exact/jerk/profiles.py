@@ -1,23 +1,27 @@
 """Compute the extreme profiles under a jerk limit in closed form (mathematics, section 4).
 
 Between two states (velocity, acceleration), which profile covers most displacement in a given time?
+It has seven phases, with the jerk `+ 0 − 0 − 0 +`:
 
-A *rise* from `(u, a)` takes the acceleration to `A` with the jerk limit upwards `J2`, holds it for
-`d`, and returns it to 0 with the jerk limit downwards `J1`. With `r = 1/J` it takes the time
-`(r1 + r2) A − r2 a + d` and ends at the peak `u − r2 a²/2 + (r1 + r2) A²/2 + A d`. Backwards in
-time velocity and jerk keep their signs and acceleration changes its own. So the *fall* from the
-peak to `(w, −b)` is, backwards, a rise from `(w, b)`, and the profile is rise, cruise, fall: seven
-phases with jerk `+ 0 − 0 − 0 +`. Both meet at one peak and fill the time: two equations for what
-the rise and the fall do, one linear or quadratic for each choice of who holds its acceleration at
-its limit. An `A` below 0 is no exception: its return to 0 takes negative time.
+    rise     ramp from the first acceleration up to the level p1, hold it for d1, ramp to 0
+    cruise   at the velocity limit, where the rise reaches it
+    fall     the mirror image of a rise: seen backwards it begins at the last state
 
-A cell counts time in its own `T` and velocities from its mean velocity, so `T` is 1 and the
-displacement 0. The formulas go on smoothly where a first ramp would take negative time: there the
-states are out of reach, and the most displacement is below the least. Without a jerk limit
-(`r = 0`) ramps take no time: section 3.
+A rise from `(u, a)` with the inverse jerks `r2` upwards and `r1` downwards takes the time
+`(r1 + r2) p − r2 a + d`. It ends at the velocity `u − r2 a²/2 + (r1 + r2) p²/2 + p d`. Backwards in
+time velocity and jerk keep their signs, and acceleration changes its own. So the fall to `(w, −b)`
+is a rise from `(w, b)`, and both ends are one table, on an axis of two.
 
-The most displacement is concave in the states, and the value of a state is its costate: with
-`m` the middle between the two jerks of the rise, `∂D/∂u = m` and `∂D/∂a = t1 (m − t1/2)`.
+Rise and fall fill the time (4.2) and meet at one peak velocity (4.3): two equations for the levels
+and the holds. `_filling` solves them, `_to_velocity_limit` replaces a peak above the velocity limit
+by a cruise. A level below 0 is no exception: its ramp to 0 takes negative time.
+
+Units and frame: a cell counts time in its own `T` and velocities from its mean velocity `h/T`. So
+`T` is 1 and the displacement is 0. The formulas continue smoothly where a first ramp would take
+negative time. There the states are out of reach, and the most displacement is below the least.
+Without a jerk limit (`r = 0`) ramps take no time, which is section 3.
+
+A worked example is in docs/mathematics/exact.md, section 4.
 """
 
 from __future__ import annotations
@@ -29,8 +33,8 @@ import numpy as np
 from trajopt.core.arrays import Array, Bools
 
 _TINY = 1e-300  # instead of dividing by 0
-# Least acceleration of a rise to the velocity limit, relative to the acceleration limit.
-_LEAST_RISE = 1e-12
+# Least level of a rise to the velocity limit, relative to the acceleration limit.
+_LEAST_LEVEL = 1e-12
 # Rounding of a phase, relative to the segment's time.
 _ROUNDING = 1e-12
 
@@ -62,19 +66,137 @@ class SegmentLimits(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """How the most displacement changes with the variables of a cell.
+    """Derivatives of the most displacement by the variables of a cell.
 
     Attributes:
         first: derivatives, `(5, 2 sides, …)`.
-        second: and theirs, `(5, 5, 2 sides, …)`.
+        second: second derivatives, `(5, 5, 2 sides, …)`.
     """
 
     first: Array
     second: Array
 
 
+class _Filling(NamedTuple):
+    """Rise and fall that fill the time and meet at one peak, whatever the velocity limit is.
+
+    Tables of both ends are `(2 ends, 2 sides, …)`.
+
+    Attributes:
+        level: `p` of each end.
+        hold: `d` of each end.
+        alone: where this end is held at its acceleration limit and the other one is not held.
+        both: where both are held, `(2 sides, …)`.
+        offset: mean acceleration of the two end states, as each end sees it.
+        budget: `S` of (4.2), the time for levels and holds, `(2 sides, …)`.
+        lead: `±Δ/S`, by which an end's level is above half of both.
+        sum_of_levels: `p1 + p2` where this end is held alone, counted from the offsets.
+    """
+
+    level: Array
+    hold: Array
+    alone: Bools
+    both: Bools
+    offset: Array
+    budget: Array
+    lead: Array
+    sum_of_levels: Array
+
+    @property
+    def held(self) -> Bools:
+        """Where an end is held at its acceleration limit."""
+        return self.alone | self.both
+
+
+def _filling(velocity: Array, acceleration: Array, limits: SegmentLimits) -> _Filling:
+    """Solve (4.2) and (4.3) for the levels and the holds."""
+    steepest, _, up, down, *_ = limits
+    c = up + down
+    jerky = c > 0
+    half = _half(c)
+    # Accelerations are counted from their mean: in a short segment jerk changes little of it.
+    a, b = acceleration
+    mean = np.where(jerky, (a - b) / 2, 0.0)
+    offset = np.array([mean, -mean])
+    counted = acceleration - offset
+    limit = steepest - offset
+    other_limit = limit[::-1]
+    # The velocity at which each end's first ramp would begin with zero acceleration.
+    base = velocity + offset / 2 - up * counted**2 / 2
+    budget = 1 + up * counted.sum(axis=0)  # S
+    difference = base[1] - base[0]  # Δ
+    climb = np.array([difference, -difference])
+    # No hold: p = S/(2c) ± Δ/S. The end with the lower base has the higher level.
+    lead = climb / budget
+    free = budget * half + lead
+    # One held at A: p1 + p2 = √(2 (A S − Δ)/c).
+    square = np.maximum(4 * half * (limit * budget - climb), _TINY)
+    sum_of_levels = np.sqrt(square)
+    # Exactly one case fits: no hold, one end held alone, or both held.
+    too_steep = jerky & (free > limit)
+    alone = too_steep & (sum_of_levels - limit <= other_limit)
+    alone[1] &= ~alone[0]
+    none = jerky & ~too_steep.any(axis=0)
+    both = ~(none | alone.any(axis=0))
+    level = np.where(alone[::-1], sum_of_levels[::-1] - other_limit, free)
+    level = np.where(alone | both, limit, level) + offset
+    # Both held: (4.2) and (4.3) are linear in d1 and d2.
+    together = steepest.sum(axis=0)
+    spare = budget - c * together
+    squares = other_limit**2 - limit**2
+    shared = (other_limit * spare + (climb + c * squares / 2)) / together
+    hold = np.where(both, shared, 0.0)
+    hold = np.where(alone, budget - c * sum_of_levels, hold)
+    return _Filling(level, hold, alone, both, offset, budget, lead, sum_of_levels)
+
+
+class _Cruise(NamedTuple):
+    """Rise and fall to the velocity limit, where the peak would be above it.
+
+    Attributes:
+        cruises: where the profile has a cruise, `(2 sides, …)`.
+        level: `p` of each end, `(2 ends, 2 sides, …)`.
+        hold: `d` of each end, likewise.
+        held: where the level is at its acceleration limit, likewise.
+        full: level of an end that is not held, likewise.
+        gap: from the base to the velocity limit, likewise.
+    """
+
+    cruises: Bools
+    level: Array
+    hold: Array
+    held: Bools
+    full: Array
+    gap: Array
+
+
+def _to_velocity_limit(
+    filling: _Filling, velocity: Array, acceleration: Array, limits: SegmentLimits
+) -> _Cruise:
+    """Return how each end reaches the velocity limit, and where that makes a cruise."""
+    steepest, top, up, down, *_ = limits
+    c = up + down
+    base = velocity - up * acceleration**2 / 2
+    rise, _ = filling.level
+    peak = base[0] + rise * (c * rise / 2 + filling.hold[0])
+    gap = top - base
+    # Without a hold: c p²/2 = gap. With one: c A²/2 + A d = gap.
+    square = np.maximum(4 * _half(c) * gap, (_LEAST_LEVEL * steepest) ** 2)
+    full = np.sqrt(square)
+    held = ~(c > 0) | (full > steepest)
+    level = np.where(held, steepest, full)
+    hold = np.where(held, gap / steepest - c * steepest / 2, 0.0)
+    # Near the kink the displacement is the lesser of two smooth functions, with a cruise and
+    # without: the one with a cruise continues where the cruise were a little negative.
+    spent = up * (level - acceleration) + hold + down * level / 2
+    nearly = limits.beyond & (gap > 0).all(axis=0) & (spent.sum(axis=0) < 1)
+    cruises = (filling.level >= 0).all(axis=0) & np.isfinite(top)
+    cruises &= (peak > top) | nearly
+    return _Cruise(cruises, level, hold, held, full, gap)
+
+
 class ExtremeProfiles:
-    """The profiles of most displacement; the lower ones are mirrored, on an axis of sides.
+    """The profiles of most displacement; those of least are mirrored, on an axis of sides.
 
     Args:
         velocity: at both ends, `(2 ends, 2 sides, …)`.
@@ -82,190 +204,97 @@ class ExtremeProfiles:
         limits: of the cells.
 
     Attributes:
-        rises: accelerations of the rise and of the fall, `(2 ends, 2 sides, …)`.
+        rises: levels of the rise and of the fall, `(2 ends, 2 sides, …)`.
         first: times of their first ramps; negative where the states are out of reach.
-        hold: times for which they are held.
+        hold: times for which the levels are held.
         cruise: time at the peak.
         value: displacement beyond the cell's own, in units of its time squared.
     """
 
     def __init__(self, velocity: Array, acceleration: Array, limits: SegmentLimits) -> None:
-        steepest, top, up, down, *_ = limits
-        c = up + down
-        jerky = c > 0
-        half = 0.5 / np.where(jerky, c, 1.0)
-        # Counted from a constant acceleration: in a brief segment jerk changes little of it.
-        a, b = acceleration
-        common = np.where(jerky, (a - b) / 2, 0.0)
-        apart = np.array([common, -common])
-        counted = acceleration - apart
-        limit = steepest - apart
-        opposite = limit[::-1]
-        base = velocity + apart / 2 - up * counted**2 / 2
-        time = 1 + up * counted.sum(axis=0)
-        difference = base[1] - base[0]
-        toward = np.array([difference, -difference])
-        # no hold: both together fill the time, the lower base has further to climb
-        tilt = toward / time
-        free = time * half + tilt
-        # one held: what the other one reaches, and the limit more
-        climbed = limit * time - toward
-        square = np.maximum(4 * half * climbed, _TINY)
-        root = np.sqrt(square)
-        over = jerky & (free > limit)
-        alone = over & (root - limit <= opposite)
-        alone[1] &= ~alone[0]
-        none = jerky & ~over.any(axis=0)
-        both = ~(none | alone.any(axis=0))
-        held = alone | both
-        beside = root[::-1] - opposite
-        rises = np.where(alone[::-1], beside, free)
-        rises = np.where(held, limit, rises) + apart
-        together = steepest.sum(axis=0)
-        spare = time - c * together
-        difference = opposite**2 - limit**2
-        excess = toward + c * difference / 2
-        shared = (opposite * spare + excess) / together
-        hold = np.where(both, shared, 0.0)
-        hold = np.where(alone, time - c * root, hold)
-        # a peak above the limit becomes a cruise at the limit
-        bases = velocity - up * acceleration**2 / 2
-        rise, _ = rises
-        risen = rise * (c * rise / 2 + hold[0])
-        highest = bases[0] + risen
-        gap = top - bases
-        least = _LEAST_RISE * steepest
-        square = np.maximum(4 * half * gap, least**2)
-        full = np.sqrt(square)
-        kept = ~jerky | (full > steepest)
-        limited = np.where(kept, steepest, full)
-        held_for = gap / steepest - c * steepest / 2
-        needed = np.where(kept, held_for, 0.0)
-        # also where the cruise were a little negative: D is the lesser of both, each smooth
-        braking = down * limited / 2
-        spent = up * (limited - acceleration) + needed + braking
-        is_below = (gap > 0).all(axis=0)
-        near = limits.beyond & is_below & (spent.sum(axis=0) < 1)
-        cruises = (rises >= 0).all(axis=0) & np.isfinite(top)
-        cruises &= (highest > top) | near
-        rises = np.where(cruises, limited, rises)
-        hold = np.where(cruises, needed, hold)
+        filling = _filling(velocity, acceleration, limits)
+        to_limit = _to_velocity_limit(filling, velocity, acceleration, limits)
+        cruises = to_limit.cruises
+        level = np.where(cruises, to_limit.level, filling.level)
+        hold = np.where(cruises, to_limit.hold, filling.hold)
 
-        apart = np.where(cruises, 0.0, apart)
-        start = velocity + apart / 2
-        counted = acceleration - apart
-        reached = rises - apart
-        first = up * (reached - counted)
-        last = down * reached
+        # The phases, accelerations counted from the offset as long as there is no cruise.
+        offset = np.where(cruises, 0.0, filling.offset)
+        start = velocity + offset / 2
+        counted = acceleration - offset
+        reached = level - offset
+        first = limits.up * (reached - counted)
+        last = limits.down * reached
         until = first + hold
         whole = until + last
         cruise = np.where(cruises, 1 - whole.sum(axis=0), 0.0)
-        gained = first * (counted + reached) / 2
-        after = start + gained + reached * hold
-        eased = reached * last / 2
-        peak = after[0] + eased[0]
-        # D = p − ∫ t a dt over rise and fall, t from their own end
-        ramped = first**2 * (counted + 2 * reached) / 6
-        kept_on = hold * (first + hold / 2)
-        released = last * (until + last / 3) / 2
-        moments = ramped + reached * (kept_on + released)
+
+        # Displacement D = peak − ∫ t a dt over rise and fall, with t from each one's own end.
+        after_hold = start + first * (counted + reached) / 2 + reached * hold
+        peak = after_hold[0] + reached[0] * last[0] / 2
+        of_first = first**2 * (counted + 2 * reached) / 6
+        of_hold = hold * (first + hold / 2)
+        of_last = last * (until + last / 3) / 2
+        moments = of_first + reached * (of_hold + of_last)
 
         self.limits = limits
         self.velocity = velocity
         self.acceleration = acceleration
-        self.rises = rises
+        self.rises = level
         self.first = first
         self.hold = hold
         self.cruise = cruise
         self.value = peak - moments.sum(axis=0)
-        slow_enough = gap >= -_ROUNDING * np.abs(top)
+        slow_enough = to_limit.gap >= -_ROUNDING * np.abs(limits.top)
         self._slow_enough = ~cruises | slow_enough.all(axis=0)
-        self._choice = (alone, both, held, cruises, kept)
-        tilts = tilt + np.array([common, -common])
-        speeds = after + apart * (until - 0.5)
-        self._numbers = (half, time, tilts, root, full, until, speeds)
+        self._filling = filling
+        self._to_limit = to_limit
+        self._until = until
+        self._velocity_after_hold = after_hold + offset * (until - 0.5)
 
     @property
     def reachable(self) -> Bools:
         """Return whether all phases take time and both ends keep the velocity limit."""
-        briefest = np.minimum(self.first, self.hold).min(axis=0)
-        return np.asarray((briefest >= -_ROUNDING) & self._slow_enough)
+        shortest = np.minimum(self.first, self.hold).min(axis=0)
+        return np.asarray((shortest >= -_ROUNDING) & self._slow_enough)
 
     def slopes(self) -> Slopes:
-        """The costates, and how they change."""
-        steepest, top, up, down, steep, _ = self.limits
-        alone, both, held, cruises, kept = self._choice
-        half, time, tilt, root, full, until, after = self._numbers
-        acceleration = self.acceleration
-        rises = self.rises
-        first = self.first
-        c = up + down
-        last = down * rises
-        shape = (_VARIABLES, *rises.shape)
-        d_base = np.zeros(shape)
-        d_base[TIME] = up * acceleration**2 / 2
-        d_time = np.zeros((_VARIABLES, *time.shape))
-        d_time[TIME] = 1 - time
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
-            d_base[v, end] = 1.0
-            d_base[a, end] = -up * acceleration[end]
-            d_time[a] = up
-        d_time = d_time[:, None]
+        """Return the first and second derivatives of the displacement by a cell's variables.
 
-        # the accelerations reached: free, beside one that is held, or below the velocity limit
-        d_difference = d_base[:, 1] - d_base[:, 0]
-        d_toward = np.stack([d_difference, -d_difference], axis=1)
-        d_free = d_time * (half - tilt / time) + d_toward / time
-        d_free[TIME] += half * time
-        d_climbed = steepest * d_time - d_toward
-        d_root = 2 * half * d_climbed / root
-        d_root[TIME] += root / 2
-        beside = d_root[:, ::-1]
-        d_rises = np.where(alone[::-1], beside, d_free)
-        d_rises = np.where(held, 0.0, d_rises)
-        # the holds
-        together = steepest.sum(axis=0)
-        opposite = steepest[::-1]
-        d_both = (opposite * d_time + d_toward) / together
-        # opposite − (opposite² − steepest²) / (2 together)
-        d_both[TIME] += c * together / 2
-        d_alone = d_time - c * d_root
-        d_alone[TIME] += c * root
-        d_hold = np.where(both, d_both, 0.0)
-        d_hold = np.where(alone, d_alone, d_hold)
-        if cruises.any():
-            d_gap = -d_base
-            d_gap[TIME] += steep - top
-            d_full = 2 * half * d_gap / full
-            d_full[TIME] += full / 2
-            d_limited = np.where(kept, 0.0, d_full)
-            d_needed = d_gap / steepest
-            d_needed[TIME] += c * steepest / 2
-            d_needed = np.where(kept, d_needed, 0.0)
-            d_rises = np.where(cruises, d_limited, d_rises)
-            d_hold = np.where(cruises, d_needed, d_hold)
-        d_first = up * d_rises
+        The first ones are the costates of (4.4), with `m` the middle between the two jerks.
+        """
+        _, top, up, down, steep, _ = self.limits
+        cruises = self._to_limit.cruises
+        until = self._until
+        acceleration = self.acceleration
+        level = self.rises
+        first = self.first
+        last = down * level
+        d_level, d_hold = self._level_slopes()
+        d_first = up * d_level
         d_first[TIME] -= first
         for end, a in enumerate(ACCELERATIONS):
             d_first[a, end] -= up
-        d_last = down * d_rises
+        d_last = down * d_level
         d_last[TIME] -= last
         d_until = d_first + d_hold
 
-        # the costate vanishes in the middle of the last ramp, or between both holds
+        # m is the middle of the last ramp, or without a cruise of the time between both holds;
+        # ∂D/∂u = m, and ∂D/∂a = t1 (m − t1/2).
         left = 1 - until.sum(axis=0)
         rest = np.where(cruises, last, left)
         middle = until + rest / 2
         d_left = -d_until.sum(axis=1)
         d_rest = np.where(cruises, d_last, d_left[:, None])
         d_middle = d_until + d_rest / 2
-        worth = first * (middle - first / 2)
-        d_worth = d_middle * first + (middle - first) * d_first
+        by_acceleration = first * (middle - first / 2)
+        d_by_acceleration = d_middle * first + (middle - first) * d_first
 
-        # over the time: velocities from the mean change with it, and so does every limit
+        # By the time: velocities from the mean change with it, and so does every limit.
         ends = self.velocity
-        rise, _ = rises
-        peak = after[0] + rise * left / 2
+        after_hold = self._velocity_after_hold
+        rise, _ = level
+        peak = after_hold[0] + rise * left / 2
         highest = np.where(cruises, top, peak)
         between = steep * (1 - middle.sum(axis=0))
         by_ends = (middle * ends).sum(axis=0)
@@ -273,23 +302,78 @@ class ExtremeProfiles:
         longer = self.hold[0] + (first[0] + left) / 2
         mean = (acceleration[0] + rise) / 2
         ramped = d_first[TIME, 0] * mean
-        kept_on = d_hold[TIME, 0] + d_left[TIME] / 2
-        lifted = d_rises[TIME, 0] * longer
-        peak_by_time = ramped + rise * kept_on + lifted
+        held_on = d_hold[TIME, 0] + d_left[TIME] / 2
+        lifted = d_level[TIME, 0] * longer
+        peak_by_time = ramped + rise * held_on + lifted
         highest_by_time = np.where(cruises, steep - top, peak_by_time)
         moved = (d_middle[TIME] * (ends - steep)).sum(axis=0)
         lost = 2 * (by_time + between)
         twice = moved + highest_by_time - lost
 
-        first_order = np.empty((_VARIABLES, *time.shape))
+        first_order = np.empty((_VARIABLES, *left.shape))
         second = np.empty((_VARIABLES, *first_order.shape))
         first_order[TIME] = by_time
         second[TIME, TIME] = twice
         for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
             first_order[v] = middle[end]
-            first_order[a] = worth[end]
+            first_order[a] = by_acceleration[end]
             second[v] = d_middle[:, end]
-            second[a] = d_worth[:, end]
+            second[a] = d_by_acceleration[:, end]
             second[TIME, v] = d_middle[TIME, end]
-            second[TIME, a] = d_worth[TIME, end]
+            second[TIME, a] = d_by_acceleration[TIME, end]
         return Slopes(first_order, second)
+
+    def _level_slopes(self) -> tuple[Array, Array]:
+        """Derivatives of levels and holds, `(5, 2 ends, 2 sides, …)`, each by the chain rule.
+
+        The cases are those of `_filling` and `_to_velocity_limit`, in the same order.
+        """
+        steepest, top, up, down, steep, _ = self.limits
+        _, _, alone, both, offset, budget, lead, sum_of_levels = self._filling
+        cruises, _, _, held_at_limit, full, _ = self._to_limit
+        c = up + down
+        half = _half(c)
+        acceleration = self.acceleration
+        d_base = np.zeros((_VARIABLES, *self.rises.shape))
+        d_base[TIME] = up * acceleration**2 / 2
+        d_budget = np.zeros((_VARIABLES, *budget.shape))
+        d_budget[TIME] = 1 - budget
+        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
+            d_base[v, end] = 1.0
+            d_base[a, end] = -up * acceleration[end]
+            d_budget[a] = up
+        d_budget = d_budget[:, None]
+
+        d_difference = d_base[:, 1] - d_base[:, 0]
+        d_climb = np.stack([d_difference, -d_difference], axis=1)
+        whole_lead = lead + offset
+        d_free = d_budget * (half - whole_lead / budget) + d_climb / budget
+        d_free[TIME] += half * budget
+        d_sum = 2 * half * (steepest * d_budget - d_climb) / sum_of_levels
+        d_sum[TIME] += sum_of_levels / 2
+        d_level = np.where(alone[::-1], d_sum[:, ::-1], d_free)
+        d_level = np.where(self._filling.held, 0.0, d_level)
+        together = steepest.sum(axis=0)
+        opposite = steepest[::-1]
+        d_both = (opposite * d_budget + d_climb) / together
+        # opposite − (opposite² − steepest²) / (2 together) is together / 2
+        d_both[TIME] += c * together / 2
+        d_alone = d_budget - c * d_sum
+        d_alone[TIME] += c * sum_of_levels
+        d_hold = np.where(both, d_both, 0.0)
+        d_hold = np.where(alone, d_alone, d_hold)
+        if cruises.any():
+            d_gap = -d_base
+            d_gap[TIME] += steep - top
+            d_full = 2 * half * d_gap / full
+            d_full[TIME] += full / 2
+            d_held_for = d_gap / steepest
+            d_held_for[TIME] += c * steepest / 2
+            d_level = np.where(cruises, np.where(held_at_limit, 0.0, d_full), d_level)
+            d_hold = np.where(cruises, np.where(held_at_limit, d_held_for, 0.0), d_hold)
+        return d_level, d_hold
+
+
+def _half(c: Array) -> Array:
+    """Return `1/(2c)`; 1/2 without a jerk limit, where it is not used."""
+    return 0.5 / np.where(c > 0, c, 1.0)

@@ -162,3 +162,32 @@ def test_a_joint_at_its_velocity_limit_cruises() -> None:
     assert np.abs(profile.rises).max() <= 1e-11
     assert np.abs(profile.first).max() <= 1e-11
     assert profile.cruise == pytest.approx(1.0, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "velocity", "level", "hold", "cruise", "displacement"),
+    [
+        (10.0, np.inf, 8.0, 0.0, 0.0, 1.0),
+        (4.0, np.inf, 4.0, 0.25, 0.0, 0.75),
+        (4.0, 1.0, 4.0, 0.125, 0.25, 0.625),
+    ],
+)
+def test_the_worked_example(
+    acceleration: float,
+    velocity: float,
+    level: float,
+    hold: float,
+    cruise: float,
+    displacement: float,
+) -> None:
+    """docs/mathematics/exact.md, section 4: from rest to rest in 1 s, jerk limits of 32 rad/s³."""
+    jerk = side(1 / 32)
+    limits = SegmentLimits(
+        both(side(acceleration), side(acceleration)), side(velocity), jerk, jerk, side(0.0)
+    )
+    at_rest = both(side(0.0), side(0.0))
+    found = ExtremeProfiles(at_rest, at_rest, limits)
+    assert found.reachable.all()
+    for table, expected in ((found.rises, level), (found.hold, hold), (found.cruise, cruise)):
+        np.testing.assert_allclose(table, expected, rtol=1e-14)
+    np.testing.assert_allclose(found.value, displacement, rtol=1e-14)
