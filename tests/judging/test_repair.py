@@ -101,3 +101,22 @@ def test_an_excess_beside_a_limit_gains_less_than_rounding(side):
     layout = SimpleNamespace(waypoints=problem.waypoints)
     allowed = repair._allowed_excess(problem, layout, np.zeros((2, 1)))
     assert allowed.item() == pytest.approx(1e-16, rel=1e-6, abs=0)
+
+
+def test_the_worked_example():
+    """docs/mathematics/verification.md, section 7: one miss, and one jump of velocity."""
+    straight = Problem([[0.0], [1.0]], Limits([9.0], [99.0]))
+    curve = np.polynomial.Polynomial([0.0, 0.0, 3.0, -2.0])
+    x = np.polynomial.Polynomial([1.0, -1.0]) / 0.75  # 1 at the break, 0 at the end
+    later = curve + 0.075 * (x**2 - x**3)
+    break_ = np.polynomial.Polynomial([0.25, 1.0])
+    pieces = np.array([[curve(np.polynomial.Polynomial([0.0, 1.0])).coef, later(break_).coef]])
+    coefficients = pieces.transpose(2, 1, 0)[::-1]
+    missing = Trajectory([0, 1], 0.99 * curve.coef[::-1, None, None], [0, 1])
+    jumping = Trajectory([0, 0.25, 1], coefficients, [0, 1])
+    at = np.linspace(0, 1, 21)
+    for motion in (missing, jumping):
+        assert np.abs(motion(at)[:, 0] - curve(at)).max() > 1e-3
+        np.testing.assert_allclose(repaired(straight, motion)(at)[:, 0], curve(at), atol=1e-14)
+    bend = repaired(straight, jumping)([0.25], 2) - jumping([0.25], 2)
+    assert bend.item() == pytest.approx(4 * 0.1 / 0.75, rel=1e-12)

@@ -1,23 +1,31 @@
 """The exact repair of a trajectory (docs/mathematics.md, section 7).
 
 The repaired motion passes every waypoint, begins and ends in the states that are asked (by default
-at rest), does not jump, and stays within its position limits. Nothing is tolerated: positions are
-integrated anew from each waypoint, and polynomials that live within segments cancel the miss of the
-next waypoint, jumps at breaks, and wrong states at the ends. The limits judge the repaired motion,
-which is harder where the given one missed or jumped.
+at rest), does not jump, and stays within its position limits. The limits then judge the repaired
+motion. A repair costs velocity and acceleration where the given motion missed or jumped.
 
-A break's correction lives on the longer side of its segment, of duration `ρ` there: it grows from
-the segment's start to the break, or has died out from the break to the segment's end. The sum of
-all corrections of one joint in one segment of duration `L` is, with `σ = (t − t_{k−1}) / L`,
+The steps, each of them a function:
 
-    Σ_m growing_m σ^m + Σ_m dying_m (1 − σ)^m,    m = r + 1 … 2r + 1,
+1. `_layout`: a break at every waypoint, and which pieces belong to which segment.
+2. `_rebased`: positions are integrated anew from each segment's first waypoint. They no longer jump
+   within a segment; only the segment's end may miss its waypoint.
+3. `_cancelling`: polynomials within one segment each cancel that miss, the jumps at breaks, and
+   wrong states at both ends of the motion.
+4. `_within_position_limits`: the motion is mixed with as little as needed of one that is inside.
 
-where `r` is the highest derivative that may not jump: 1, or 2 where jerk is limited.
+The polynomials of step 3: the correction of a break lives on the longer side of its segment, for
+the time `ρ` there. It *grows* from the segment's start to the break, or it *dies* from the break to
+the segment's end. All corrections of one joint in one segment of duration `L` add up to
 
-A waypoint that may be missed by its rounding (`trajopt.core.resolution`) bounds no segment, as long
-as the repaired motion misses it by no more. In a segment that is brief beside both its neighbours
-all derivatives that may not jump are integrated anew, so all its jumps lie at its ends, where the
-long sides take them.
+    Σ_m growing_m σ^m + Σ_m dying_m (1 − σ)^m,    m = r + 1 … 2r + 1,    σ = (t − t_{k−1}) / L.
+
+Here `r` is the highest derivative that may not jump: 1, or 2 where jerk is limited. Section 7 has a
+worked example.
+
+Two exceptions keep a repair cheap where times are tiny. A waypoint that may be missed by its
+rounding (`trajopt.core.resolution`) bounds no segment, as long as the repaired motion misses it by
+no more. A brief segment, beside two long ones, is integrated anew whole (`_smoothed`): its jumps
+are then at its ends, where the long segments take them.
 """
 
 from __future__ import annotations
@@ -36,12 +44,13 @@ from trajopt.core.resolution import spared
 from trajopt.core.trajectory import Trajectory, nearest
 from trajopt.judging.passing import misses
 
-# Share of every limit. A correction that uses less is left out; all of them together change the
-# certified duration by no more than this.
+# Share of every limit. A correction that uses less is left out. All corrections that are left out
+# change the certified duration by no more than this share.
 NEGLIGIBLE_USE = 1e-12
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
-MAX_ATTEMPTS = 8  # to miss waypoints by no more than rounding; then the motion is to meet them all
-# Times its neighbours' durations: a segment that takes less is brief beside them.
+# Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
+MAX_ATTEMPTS = 8
+# A segment is brief if it takes less than this share of the time of both its neighbours.
 BRIEF_RTOL = 1e-3
 
 
@@ -75,7 +84,7 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
 
 
 def _without_spared(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
-    """The motion repaired, in which some waypoints are missed by no more than their rounding."""
+    """Return the repaired motion; it may miss some waypoints by no more than their rounding."""
     missed = spared(problem)
     for _ in range(MAX_ATTEMPTS):
         motion = _repaired(problem, trajectory, ~missed)
@@ -89,7 +98,7 @@ def _without_spared(problem: Problem, trajectory: Trajectory) -> Trajectory | No
 
 
 def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajectory | None:
-    """The motion that meets some of the waypoints and does not jump."""
+    """Return the repaired motion that meets the chosen waypoints, `(waypoints,)`."""
     motion = trajectory
     for _ in range(MAX_PASSES):
         layout = _layout(problem, motion, met)
@@ -107,7 +116,7 @@ def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajector
 
 
 def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
-    """The motion with these coefficients, positions relative to the segment's first waypoint."""
+    """Return the motion of coefficients whose positions count from the segment's first waypoint."""
     placed = np.array(coefficients)
     placed[-1] += layout.origins
     motion = layout.trajectory
@@ -116,7 +125,7 @@ def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
 
 
 def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
-    """The coefficients that miss no waypoint, do not jump and keep the position limits.
+    """Return the coefficients of a motion without miss, jump, or excess over a position limit.
 
     Positions are relative to the segment's first waypoint. The same array is returned where no
     correction is needed.
@@ -226,7 +235,7 @@ class _Layout:
 
 
 def _layout(problem: Problem, trajectory: Trajectory, met: Bools) -> _Layout | None:
-    """The segments between waypoints to meet; None where two of these have one break."""
+    """Return the segments between the waypoints to meet; None if two of these share a break."""
     times = trajectory.waypoint_times
     refined = trajectory.refined(times)
     breaks = refined.breaks
@@ -252,11 +261,11 @@ def _layout(problem: Problem, trajectory: Trajectory, met: Bools) -> _Layout | N
 
 
 def _smoothed(layout: _Layout, jerk_limited: Bools) -> _Layout:
-    """The layout without jumps in its brief segments, but at their ends.
+    """Return the layout whose brief segments jump at their ends only.
 
-    There velocity is integrated anew from the segment's start (and acceleration, where jerk is
-    limited), and is as much larger as leads to the next waypoint. A correction within the segment
-    would take some `δ/L` or `6 δ/L²` of acceleration or jerk.
+    In a brief segment velocity is integrated anew from the segment's start (and acceleration, where
+    jerk is limited). A constant velocity is then added that leads to the next waypoint. Corrections
+    within the segment would cost `δ/L` of acceleration or `6 δ/L²` of jerk, with a tiny `L`.
     """
     if not layout.brief.any():
         return layout
@@ -269,7 +278,7 @@ def _smoothed(layout: _Layout, jerk_limited: Bools) -> _Layout:
 
 
 def _integrated(layout: _Layout, order: int, chosen: Bools) -> _Layout:
-    """The layout with a derivative integrated anew in some segments, `(pieces, joints)`."""
+    """Return the layout with a derivative integrated anew where chosen, `(pieces, joints)`."""
     unit = layout.trajectory.pieces(order)
     start = unit[-1]
     gained = unit[:-1].sum(axis=0)
@@ -281,7 +290,7 @@ def _integrated(layout: _Layout, order: int, chosen: Bools) -> _Layout:
 
 
 def _with_added(layout: _Layout, order: int, added: Array) -> _Layout:
-    """The layout with so much added to a derivative in each piece, `(pieces, joints)`."""
+    """Return the layout with a constant added to a derivative of each piece, `(pieces, joints)`."""
     coefficients = np.zeros_like(added, shape=(order + 1, *added.shape))
     coefficients[0] = added / math.factorial(order)
     own = polynomials.plus(layout.trajectory.coefficients, coefficients)
@@ -289,11 +298,11 @@ def _with_added(layout: _Layout, order: int, added: Array) -> _Layout:
 
 
 def _rebased(layout: _Layout) -> Array:
-    """The coefficients, each segment's positions integrated anew from its waypoint.
+    """Return the coefficients with positions integrated anew from each segment's first waypoint.
 
     Positions then do not jump within a segment; only its end may miss the waypoint.
     """
-    # The travel before each piece: since the motion's start, less that before its segment.
+    # A piece starts where the pieces before it in its segment end.
     travel = layout.travel
     ended = np.cumsum(travel, axis=0)
     before = ended - travel
@@ -305,7 +314,7 @@ def _rebased(layout: _Layout) -> Array:
 
 
 def _cancelling(layout: _Layout, missed: Array, jumps: list[Array]) -> Array:
-    """The polynomials that cancel misses and jumps, `(2 order + 2, pieces, joints)`.
+    """Return the polynomials that cancel misses and jumps, `(2 order + 2, pieces, joints)`.
 
     Args:
         layout: of the segments.
@@ -326,18 +335,18 @@ def _cancelling(layout: _Layout, missed: Array, jumps: list[Array]) -> Array:
 
 
 def _missed(layout: _Layout) -> Array:
-    """Distance from each segment's end to its waypoint, rad, `(segments, joints)`."""
+    """Return the miss of each segment's last waypoint, rad, `(segments, joints)`."""
     reached = np.add.reduceat(layout.travel, layout.first)
     return layout.displacements - reached
 
 
 def _slopes(layout: _Layout, missed: Array) -> Array:
-    """The velocity of the correction of misses at each waypoint, rad/s, `(segments + 1, joints)`.
+    """Return the velocity at each waypoint of the correction of misses, `(segments + 1, joints)`.
 
-    It is that of the parabola through the misses of both segments, and zero at the ends. A short
-    segment between long ones is then passed a little faster or slower, which costs little. A
-    correction without velocity at its ends would cost some `6 e / L²`. That of a brief segment has
-    the same velocity at both its ends.
+    In rad/s. It is that of the parabola through the misses of both segments, and zero at both ends
+    of the motion. A short segment between long ones is then passed a little faster or slower, which
+    costs little. Without velocity at its ends the correction of a miss `e` would cost an
+    acceleration of `6 e / L²`. In a brief segment both ends have the same velocity.
     """
     lengths = layout.lengths
     before = lengths[:-1]
@@ -353,7 +362,7 @@ def _slopes(layout: _Layout, missed: Array) -> Array:
 
 
 def _bent(layout: _Layout, slopes: Array, *curvatures: Array) -> tuple[Array, Array]:
-    """The powers of `σ` and of `1 − σ` that change derivatives at waypoints, not positions.
+    """Return powers of `σ` and `1 − σ` that change derivatives at waypoints, but no position there.
 
     Args:
         layout: of the segments.
@@ -362,7 +371,7 @@ def _bent(layout: _Layout, slopes: Array, *curvatures: Array) -> tuple[Array, Ar
             joints)` both; none where these may jump.
     """
     lengths = layout.lengths
-    # 1 − σ runs backwards in time
+    # 1 − σ runs backwards in time: a velocity changes its sign.
     growing = [slopes[1:] * lengths]
     dying = [-slopes[:-1] * lengths]
     if curvatures:
@@ -374,7 +383,7 @@ def _bent(layout: _Layout, slopes: Array, *curvatures: Array) -> tuple[Array, Ar
 
 
 def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -> Array:
-    """Powers of `σ` and `1 − σ`, as powers of the time since each piece's start."""
+    """Return powers of `σ` and `1 − σ` as powers of the time since each piece's start, s."""
     length = layout.of_segment
     left = layout.until_end / length  # 1 − σ at the piece's start
     elapsed = 1 - left  # σ there
@@ -406,25 +415,26 @@ def _is_negligible(added: Array, layout: _Layout, problem: Problem) -> bool:
 
 
 def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:
-    """The powers of `σ` and of `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`.
+    """Return the powers of `σ` and `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`.
 
     `jumps` has those of velocity, and of acceleration if it may not jump, `(breaks, joints)` each.
     """
     order = len(jumps)
-    # The time on both sides of each break, within its segment; none before and after the motion.
+    # A correction lives on the longer side of its break: there it costs least acceleration. The
+    # time on both sides is that within the break's segment; there is none outside the motion.
     time_before = np.insert(layout.since_start, 0, -1.0)
     time_after = np.append(layout.until_end, -1.0)
     dies = time_after > time_before
     time = np.where(dies, time_after, time_before)
-    # That time as a share of the segment.
+    # The longer side's time as a share of the segment.
     length = layout.of_segment
     length_after = np.append(length, np.inf)
     length_before = np.insert(length, 0, np.inf)
     segment_length = np.where(dies, length_after, length_before)
     share = time / segment_length
 
-    # The correction's derivatives at the break, in units of its time. A dying one runs backwards
-    # in time: it takes the jump away after the break, a growing one before it.
+    # The derivatives that the correction has at the break, in units of its time. A growing one adds
+    # the jump before the break, a dying one subtracts it after the break.
     sign = np.where(dies, -1.0, 1.0)[:, None]
     unit = sign * time[:, None]
     slopes = []
@@ -440,8 +450,8 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     dying = np.where(dies[:, None, None], coefficients, 0.0)
     growing = coefficients - dying
 
-    # A piece has the dying corrections of breaks at or before its start, and the growing ones of
-    # later breaks, of its own segment: differences of sums over all breaks.
+    # A piece has the dying corrections of the breaks at or before its start, and the growing ones
+    # of the breaks after its start, in its own segment: differences of sums over all breaks.
     died = np.cumsum(dying, axis=0)
     grown = np.cumsum(growing, axis=0)
     before = died - dying
@@ -453,11 +463,11 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
 
 
 def _jumps(problem: Problem, layout: _Layout, order: int) -> Array:
-    """Jumps of a derivative at every break, `(breaks, joints)`.
+    """Return the jumps of a derivative at every break, `(breaks, joints)`.
 
-    Before and after the motion the robot is in the states that are asked; before a closed motion in
-    the state of its end. What jumps within brief segments is the rounding of what was integrated
-    anew.
+    Before and after the motion the robot is in the states that are asked. Before a closed motion it
+    is in the state of the motion's end. Jumps within brief segments are rounding of the integration
+    and count as zero.
     """
     unit = layout.trajectory.pieces(order)
     starts = unit[-1]
@@ -472,12 +482,12 @@ def _jumps(problem: Problem, layout: _Layout, order: int) -> Array:
     return np.where(layout.within_brief[:, None], 0.0, after - before)
 
 
-# From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
+# From 0 to 1 with one, or two, derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
 _BLEND = {1: np.array([3.0, -2.0]), 2: np.array([10.0, -15.0, 6.0])}
 
 
 def _ending(slope: Array, curvature: Array | None = None) -> Array:
-    """The polynomial that is zero at 0 and 1, with these derivatives at 1 and none at 0.
+    """Return the polynomial that is zero at 0 and 1, with these derivatives at 1 and none at 0.
 
     Returns:
         The coefficients of x², x³ for a slope; of x³, x⁴, x⁵ for a slope and a curvature, last.
@@ -493,7 +503,7 @@ def _ending(slope: Array, curvature: Array | None = None) -> Array:
 
 
 def _rows(factors: Array, lowest_power: int) -> Array:
-    """Factors `(…, n)` of n powers of x, the lowest first, in the layout of `Trajectory`."""
+    """Return factors `(…, n)` of powers of x, lowest first, in the order of `Trajectory`."""
     lowest_first = np.moveaxis(factors, -1, 0)
     highest_first = lowest_first[::-1]
     lower_powers = np.zeros((lowest_power, *highest_first.shape[1:]))
@@ -504,8 +514,8 @@ def _rows(factors: Array, lowest_power: int) -> Array:
 
 # Relative to the joint's largest displacement. A waypoint nearer to a limit lies on it.
 ON_LIMIT_RTOL = 1e-11
-EXCESS_RTOL = 1e-10  # largest gain of duration by an excess over a position limit
-MAX_MIXTURES = 64  # the share doubles each time, from a rounding unit to the whole
+EXCESS_RTOL = 1e-10  # largest gain of duration by an excess over a position limit, relative
+MAX_MIXTURES = 64  # the share at least doubles each time, from a unit in the last place to 1
 # From 0 to 1, and there and back to 0, in powers of σ from σ³: both rest at both ends.
 _STEP = np.array([10.0, -15.0, 6.0, 0.0])
 _BUMP = 64 * np.array([1.0, -3.0, 3.0, -1.0])
@@ -513,12 +523,12 @@ _BUMP_CURVATURE = 24.0
 
 
 def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
-    """Push the motion within its position limits.
+    """Return the coefficients of a motion within its position limits; NaN where there is none.
 
-    At a waypoint on a limit the joint turns: its velocity is zero, and it does not accelerate
-    outwards; where a joint is to move at an end of the motion, it stays as it is there. Then each
-    joint's motion is mixed with as little as needed of one that is inside and rests at every inner
-    waypoint. The result is not a number where no mixture is inside.
+    First, at a waypoint on a limit the joint turns: its velocity becomes zero, and it does not
+    accelerate outwards. An end at which the joint is to move stays as it is. Then the motion `q` of
+    each joint is mixed with a motion `r` that is inside and rests at every inner waypoint, to
+    `(1 − λ) q + λ r`, with about the least `λ` that brings all of it inside.
     """
     side = _sides(problem, layout)
     share = np.zeros(problem.joints)
@@ -544,7 +554,10 @@ def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Arr
 
 
 def _sides(problem: Problem, layout: _Layout) -> Array:
-    """1 for a waypoint on the upper limit, −1 on the lower, else 0, `(segments + 1, joints)`."""
+    """Return 1 for a waypoint on the upper limit, −1 on the lower, else 0.
+
+    `(segments + 1, joints)`.
+    """
     low, high = problem.limits.position.T
     waypoints = layout.waypoints
     near = ON_LIMIT_RTOL * problem.largest_displacements
@@ -554,7 +567,7 @@ def _sides(problem: Problem, layout: _Layout) -> Array:
 
 
 def _given(problem: Problem, layout: _Layout) -> Bools:
-    """Where a joint is to move at an end of the motion, `(segments + 1, joints)`."""
+    """Return where a joint is to move at an end of the motion, `(segments + 1, joints)`."""
     found = np.zeros(layout.waypoints.shape, dtype=bool)
     for row, state in ((0, problem.route.start), (-1, problem.route.end)):
         found[row] = np.any(state, axis=0)
@@ -562,10 +575,11 @@ def _given(problem: Problem, layout: _Layout) -> Bools:
 
 
 def _allowed_excess(problem: Problem, layout: _Layout, side: Array) -> Array:
-    """The rounding of coordinates in each segment, rad, where it gains less than 1e-10 of all.
+    """Return the excess over a position limit that counts as rounding, rad, `(segments, joints)`.
 
-    An excess `e` at a waypoint `g` from a limit gains some `e / sqrt(2gA)` s. Where the joint turns
-    on the limit, the gain is proportional to `e`.
+    It gains less than `EXCESS_RTOL` of the duration. Beside a waypoint at the distance `g` from a
+    limit an excess `e` gains some `e / sqrt(2 g A)` s. Where the joint turns on the limit, the gain
+    is proportional to `e`.
     """
     low, high = problem.limits.position.T
     waypoints = layout.waypoints
@@ -577,7 +591,7 @@ def _allowed_excess(problem: Problem, layout: _Layout, side: Array) -> Array:
 
 
 def _turned_at_limits(layout: _Layout, coefficients: Array, side: Array) -> Array:
-    """The polynomials that make the motion turn at every waypoint on a position limit."""
+    """Return the polynomials that make the motion turn at every waypoint on a position limit."""
     velocity = polynomials.derivative(coefficients)
     acceleration = polynomials.derivative(velocity)
     leaving = velocity[-1, layout.first]
@@ -596,16 +610,16 @@ def _turned_at_limits(layout: _Layout, coefficients: Array, side: Array) -> Arra
 
 
 def _inwards(acceleration: Array, side: Array) -> Array:
-    """The changes that make accelerations which lead outwards zero."""
+    """Return the changes that make an acceleration zero where it leads over the limit."""
     outwards = side * acceleration > 0
     return np.where(outwards, -acceleration, 0.0)
 
 
 def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
-    """A motion within the limits that rests at every waypoint, `(7, pieces, joints)`.
+    """Return a motion within the limits that rests at every waypoint, `(7, pieces, joints)`.
 
-    It is monotone between waypoints. Where both are on one limit it moves inwards and back, as far
-    as half the acceleration limit allows. To the end states that are asked it has a quintic, which
+    It is monotone between waypoints. Where two neighbours are on one limit it moves inwards and
+    back, as far as half the acceleration limit allows. An end state in motion adds a quintic, which
     may leave the limits.
     """
     limits = problem.limits.in_all_segments()
@@ -629,7 +643,7 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
 
 
 def _to_ends(problem: Problem, layout: _Layout) -> tuple[Array, Array]:
-    """The powers of `σ` and of `1 − σ` from rest at every waypoint to the end states asked."""
+    """Return powers of `σ` and `1 − σ` that lead from rest to the end states that are asked."""
     start, end = problem.route.start, problem.route.end
     slopes = np.zeros_like(layout.waypoints)
     slopes[0], slopes[-1] = start.velocity, end.velocity
@@ -642,13 +656,13 @@ def _to_ends(problem: Problem, layout: _Layout) -> tuple[Array, Array]:
 def _needed_share(
     problem: Problem, layout: _Layout, mixed: Array, side: Array, allowed_excess: Array
 ) -> Array:
-    """The share of the resting motion that each joint needs to be inside, `(joints,)`."""
+    """Return the share `λ` of the resting motion that each joint still needs, `(joints,)`."""
     lengths = layout.trajectory.lengths
     low, high = problem.limits.position.T
     lowest = low - layout.origins
     highest = high - layout.origins
     unit = polynomials.stretched(mixed, lengths)
-    # The whole segment's rounding: a piece starts where the pieces before it end.
+    # The rounding of the whole segment counts: a piece starts where the pieces before it end.
     of_each = polynomials.evaluation_rounding(unit)
     largest = np.maximum.reduceat(of_each, layout.first)
     segment_rounding = np.maximum(largest, allowed_excess)
