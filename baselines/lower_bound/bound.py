@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from baselines.lower_bound import ratio_boxes
+from baselines.lower_bound.apart import counted, relaxed
 from baselines.lower_bound.branching import branch_and_bound
 from baselines.lower_bound.dual_check import BoundProof
 from baselines.lower_bound.incumbent import Incumbent, incumbent, kept
@@ -22,7 +23,6 @@ from baselines.lower_bound.ratio_boxes import RatioProof
 from baselines.sizes import cells, described
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.core.resolution import spared, thinned
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
 from trajopt.planners.reductions import SIMPLEST
@@ -119,18 +119,27 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
         if closed_form > given * (1 + _ROUNDING_RTOL):
             return _impossible(given, closed_form, None)
         known = given * (1 + within) ** 2
-    relaxation = thinned(problem)
+    try:
+        relaxation = relaxed(problem)
+    except InvalidInput:
+        return _bound(end_to_end_bound(problem), best, within, "stopped: no progress", None)
     motion = None
     if best is not None:
         known = best.duration
-        passed = best.trajectory.waypoint_times[~spared(problem)]
+        passed = best.trajectory.waypoint_times[counted(problem)]
         motion = replace(best.trajectory, waypoint_times=passed)
     outcome = branch_and_bound(relaxation, known / (1 + within), within, deadline, motion)
     late = time.perf_counter() > deadline
+    dropped = np.flatnonzero(~counted(problem)) + 1
     if "given_times" in problem.demands and outcome.lower_bound > given * (1 + _ROUNDING_RTOL):
         return _impossible(given, outcome.lower_bound, outcome.proof)
     word = "time limit" if late else "stopped: no progress"
-    return _bound(outcome.lower_bound, best, within, word, outcome.proof)
+    bound = _bound(outcome.lower_bound, best, within, word, outcome.proof)
+    if "tolerance" not in problem.demands or not len(dropped):
+        return bound
+    numbers = ", ".join(map(str, dropped))
+    said = f"the bound leaves out waypoints that others' tolerances overlap: {numbers}"
+    return replace(bound, message=said)
 
 
 def _impossible(given: float, lower: float, proof: BoundProof | None) -> Bound:
@@ -168,7 +177,7 @@ def _bound(
     return Bound(
         lower_bound=lower,
         upper_bound=best.duration,
-        proved_within=best.duration / lower - 1,
+        proved_within=best.duration / lower - 1 if lower else np.inf,
         status="proved" if proved else otherwise,
         trajectory=best.trajectory,
         proof=proof,

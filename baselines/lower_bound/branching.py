@@ -382,6 +382,10 @@ class _BranchAndBound:
         a = x[relaxation.acceleration]
         exact[relaxation.before] = a * times[relaxation.segment_before, None]
         exact[relaxation.after] = a * times[relaxation.segment_after, None]
+        if relaxation.tolerant:
+            offset, inverse = x[relaxation.offset], exact[relaxation.inverse][:, None]
+            exact[relaxation.offset_before] = offset * inverse[relaxation.segment_before]
+            exact[relaxation.offset_after] = offset * inverse[relaxation.segment_after]
         self.pool.add([Tangent(segment, at) for segment, at in enumerate(times.tolist())])
         self.pool.add(extremal.violated(relaxation, exact, -_ACTIVE_TOLERANCE))
 

@@ -117,6 +117,8 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
         -parts.p[0][:, 0],
         p_end[:, -1],
     ]
+    if relaxation.tolerant:
+        coefficients += [-parts.slope[:, 0], parts.slope_end[:, -1]]
     return np.stack(coefficients, axis=1), by_velocity
 
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.lower_bound import costates, jerk_rows
+from baselines.lower_bound.apart import relaxed
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
 from baselines.lower_bound.relaxation import (
@@ -31,7 +32,6 @@ from baselines.lower_bound.relaxation import (
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.core.resolution import thinned
 from trajopt.planners.reductions import SIMPLEST
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
@@ -180,7 +180,7 @@ def proved_bound(problem: Problem, proof: BoundProof) -> float:
     try:
         # an operation that raises no flag is exact, or rounds its last digit
         with np.errstate(all="raise"):
-            relaxation = relaxation_of(thinned(SIMPLEST.apply(problem)), proof)
+            relaxation = relaxation_of(relaxed(SIMPLEST.apply(problem)), proof)
             rows = _proof_rows(relaxation, proof)
             lowest = _walked(relaxation, rows, proof)
     except ArithmeticError as error:
@@ -276,7 +276,8 @@ def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
     counts = np.array([len(row.cells) for row in given], dtype=int)
     for number, row in enumerate(given):
         _check_cells(relaxation, row)
-        rows.columns[number, :ROW_ENTRIES] = relaxation.row_columns(row.segment, row.joint)
+        columns = relaxation.row_columns(row.segment, row.joint)
+        rows.columns[number, : len(columns)] = columns
     for count in np.unique(counts):
         numbers = np.flatnonzero(counts == count).tolist()
         alike = costates.Costates(
@@ -285,7 +286,7 @@ def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
             cells=np.stack([costates.with_rates(given[number].cells) for number in numbers]),
         )
         coefficients, bounds = costates.rows(relaxation, alike)
-        rows.coefficients[numbers, :ROW_ENTRIES] = coefficients
+        rows.coefficients[numbers, : relaxation.row_entries] = coefficients
         rows.bounds[numbers] = bounds
     _count_given_with_time(relaxation, rows, given)
     return rows

@@ -181,6 +181,9 @@ def _points(relaxation: Relaxation, x: Array) -> NormalisedSegment:
     v_down = relaxation.v[0] * np.ones_like(time)
     v_up = relaxation.v[1] * np.ones_like(time)
     h = relaxation.h * x[relaxation.inverse][:, None]
+    if relaxation.tolerant:
+        start, end = x[relaxation.offset_at]
+        h = h + end - start
     return NormalisedSegment(
         h=_mirrored(h, -h),
         v0=_mirrored(v0, -v0),

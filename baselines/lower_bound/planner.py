@@ -44,7 +44,7 @@ class Prove(Planner):
     requires = ("highspy", "casadi", "scipy.linalg")
     knows = (
         *(*LIMIT_NAMES, FallingVelocity.key, "segment"),
-        *(*END_STATES, "least_times", "given_times", "dwell"),
+        *(*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance"),
     )
     drops = True
 

@@ -77,6 +77,8 @@ class Relaxation:
         v, a, j: Sizes of the limits, downwards and upwards, `(2, segments, joints)`. Velocities are
             those that accelerating and braking within the cut-off can reach.
         least: Least times of the segments, `(segments,)`; given ones too.
+        tolerance: Largest offsets of the waypoints that have a state, `(states, joints)`.
+        reduced: By how much a segment may be shorter for it, `(segments, joints)`.
         given_times: Times of the segments that are given, else 0, likewise.
         waits: Times at rest at the waypoints, s, `(waypoints,)`. No variable counts them: a motion
             is as much longer.
@@ -114,6 +116,11 @@ class Relaxation:
         self.a = self._sizes(limits.acceleration[..., moving, :], lengths / time_unit**2)
         velocity = self._sizes(limits.velocity[..., moving, :], lengths / time_unit)
         route = problem.route
+        self.closed = bool(route.demand("closed"))
+        r = route.demand("tolerance")[:, moving] / lengths
+        self.tolerant = bool(r.any())
+        self.tolerance = r[1:] if self.closed else r[1:-1]
+        self.reduced = r[:-1] + r[1:]
         units = lengths / time_unit ** np.array([[1.0], [2.0]])
         ends = np.stack([route.start, route.end], axis=1)[..., moving]
         self.end_states = ends / units[:, None]
@@ -123,7 +130,8 @@ class Relaxation:
         gained = (np.abs(self.end_states[0]) * slowness.max(axis=0)).sum(axis=0)
         reached = (self.cutoff + gained) / slowness.sum(axis=0)
         reached *= 1 + ROUNDING_RTOL
-        self.v = np.minimum(velocity, reached)
+        # a closed motion may begin at any velocity
+        self.v = velocity if self.closed else np.minimum(velocity, reached)
         self.j = self._sizes(limits.jerk[..., moving, :], lengths / time_unit**3)
         self.limited: Bools = np.asarray(np.isfinite(self.j).any(axis=0))
         self.jerky: Bools = np.asarray(self.limited.any(axis=0))
@@ -131,7 +139,9 @@ class Relaxation:
         starts = waypoints[:-1]
         self.below = (lowest - starts) / lengths
         self.above = (highest - starts) / lengths
-        self.falling = _falling(problem, time_unit, lengths)
+        # where a waypoint may be missed, its falling velocity is not counted
+        known = problem.without(FallingVelocity.key) if self.tolerant else problem
+        self.falling = _falling(known, time_unit, lengths)
         self.above = np.fmin(self.above, self.falling.room[1])
         self.below = np.fmax(self.below, -self.falling.room[0])
         self.given_times = problem.route.demand("given_times") / time_unit
@@ -164,7 +174,7 @@ class Relaxation:
 
     def _count_variables(self) -> None:
         segments = self.segments
-        inner = (segments - 1, self.joints)
+        inner = (segments - (not self.closed), self.joints)
         numbers = np.arange(4 * inner[0] * inner[1])
         states = 3 * segments + numbers.reshape(4, *inner)
         self.segment_before = np.arange(len(states[0]))
@@ -175,11 +185,17 @@ class Relaxation:
         self.velocity, self.acceleration, self.before, self.after = states
         first = 3 * segments + states.size
         self.given = first + np.arange(self.end_states.size).reshape(self.end_states.shape)
-        self.nothing = first + self.end_states.size
+        first += self.end_states.size
+        products = (3, *inner) if self.tolerant else (3, 0, self.joints)
+        offsets = first + np.arange(np.prod(products)).reshape(products)
+        self.offset, self.offset_before, self.offset_after = offsets
+        self.nothing = first + offsets.size
         self.variables = self.nothing + 1
         self.velocity_at = self._at_ends(self.velocity, self.velocity)
         self.acceleration_at = self._at_ends(self.acceleration, self.acceleration)
         self.scaled_at = self._at_ends(self.after, self.before)
+        if self.tolerant:
+            self.offset_at = self._at_ends(self.offset_after, self.offset_before)
         self.scaled_factors = np.ones(self.scaled_at.shape)
         for end, segment in ((0, 0), (1, -1)):
             velocity, acceleration = self.end_states[:, end] != 0
@@ -201,7 +217,7 @@ class Relaxation:
     def at(self, problem: Problem, motion: Trajectory) -> Array:
         """Return a motion's times, velocities and accelerations; other variables are 0."""
         x = np.zeros(self.variables)
-        inner = motion.waypoint_times[1:-1]
+        inner = motion.waypoint_times[1 : None if self.closed else -1]
         unit = self.time_unit
         velocities = motion(inner, 1)[:, problem.moving] / self.length_units
         accelerations = motion(inner, 2)[:, problem.moving] / self.length_units
@@ -211,6 +227,10 @@ class Relaxation:
         x[self.velocity] = velocities * unit
         x[self.acceleration] = accelerations * unit**2
         x[self.given] = self.end_states
+        if self.tolerant:
+            places = problem.waypoints[1 : len(inner) + 1]
+            away = (motion(inner) - places)[:, problem.moving] / self.length_units
+            x[self.offset] = np.clip(away, -self.tolerance, self.tolerance)
         return x
 
     def row_columns(self, segment: int, joint: int) -> Indices:
@@ -218,15 +238,23 @@ class Relaxation:
 
         Returns:
             `T, S, Q`, velocity at both ends, `α` at both ends: `(7,)`. Where the acceleration at an
-            end is given, `T` in place of `α` (`row_factors`).
+            end is given, `T` in place of `α` (`row_factors`). With a tolerance also the offsets at
+            both ends times `S`: `(9,)`.
         """
-        columns = np.full(ROW_ENTRIES, self.nothing)
+        columns = np.full(self.row_entries, self.nothing)
         columns[0] = self.time[segment]
         columns[1] = self.inverse[segment]
         columns[2] = self.square[segment]
         columns[3:5] = self.velocity_at[:, segment, joint]
         columns[5:7] = self.scaled_at[:, segment, joint]
+        if self.tolerant:
+            columns[7:] = self.offset_at[:, segment, joint]
         return columns
+
+    @property
+    def row_entries(self) -> int:
+        """Entries of a row of costates."""
+        return ROW_ENTRIES + 2 * self.tolerant
 
     @cached_property
     def every_row_columns(self) -> Indices:
@@ -240,7 +268,9 @@ class Relaxation:
 
     def row_factors(self, segment: int, joint: int) -> Array:
         """By what the variables of `row_columns` are multiplied, `(7,)`."""
-        return np.append(np.ones(ROW_ENTRIES - 2), self.scaled_factors[:, segment, joint])
+        factors = np.ones(self.row_entries)
+        factors[5:7] = self.scaled_factors[:, segment, joint]
+        return factors
 
     @cached_property
     def every_row_factors(self) -> Array:
@@ -263,8 +293,11 @@ class Relaxation:
         low = np.zeros(self.variables)
         high = np.zeros(self.variables)
         # |h| ≤ V T
-        forwards = self.h / self.v[1]
-        backwards = -self.h / self.v[0]
+        least = np.abs(self.h)
+        if self.tolerant:
+            least = least - self.reduced - ROUNDING_RTOL * (least + self.reduced)
+        forwards = np.copysign(least, self.h) / self.v[1]
+        backwards = np.copysign(least, -self.h) / self.v[0]
         shortest = np.maximum(forwards, backwards).max(axis=1)
         low[self.time] = np.maximum(shortest * (1 - ROUNDING_RTOL), self.least)
         high[self.time] = np.where(self.given_times > 0, self.given_times, self.cutoff)
@@ -280,6 +313,9 @@ class Relaxation:
             at_rest = [self.velocity[state], self.acceleration[state]]
             low[at_rest] = high[at_rest] = 0.0
         low[self.given] = high[self.given] = self.end_states
+        if self.tolerant:
+            low[self.offset] = -self.tolerance
+            high[self.offset] = self.tolerance
         return self.completed(VariableBounds(low, high))
 
     def completed(self, box: VariableBounds) -> VariableBounds:
@@ -302,7 +338,20 @@ class Relaxation:
             )
             low[side] = least
             high[side] = most
+        for side, neighbours in self._offset_sides():
+            inverse = self.inverse[neighbours, None]
+            least, most = _products(
+                low[self.offset], high[self.offset], low[inverse], high[inverse]
+            )
+            low[side] = least
+            high[side] = most
         return VariableBounds(low, high)
+
+    def _offset_sides(self) -> list[tuple[Indices, Indices]]:
+        """Offsets times `S` of the segments before and after, and these segments."""
+        if not self.tolerant:
+            return []
+        return [(self.offset_before, self.segment_before), (self.offset_after, self.segment_after)]
 
     def box_rows(self, box: VariableBounds) -> BoundConstraints:
         """Return the rows of a box: the cut-off, then secants, then McCormick's rows."""
@@ -312,7 +361,7 @@ class Relaxation:
     @property
     def entries(self) -> int:
         """Width of a row. Entries that it does not need multiply the variable that is 0."""
-        return max(ROW_ENTRIES, self.segments)
+        return max(self.row_entries, self.segments)
 
     def blank(self, count: int) -> BoundConstraints:
         """Return rows of zeros."""
@@ -351,10 +400,17 @@ class Relaxation:
         jerky = np.flatnonzero(self.jerky)
         accelerations = self.acceleration[:, jerky].ravel()
         parts = []
+        factors = []
         sides = ((self.before, self.segment_before), (self.after, self.segment_after))
         for side, segments in sides:
             times = np.repeat(self.time[segments], len(jerky))
-            products = side[:, jerky].ravel()
+            factors.append((side[:, jerky].ravel(), accelerations, times))
+        # and in the same way the offsets times S
+        state, joint = np.nonzero(self.tolerance)
+        for side, segments in self._offset_sides():
+            inverse = self.inverse[segments[state]]
+            factors.append((side[state, joint], self.offset[state, joint], inverse))
+        for products, accelerations, times in factors:
             rows = self.blank(_MCCORMICK_ROWS * len(products))
             corners = (
                 (-1.0, box.low, box.low),

@@ -324,7 +324,7 @@ class Separation:
 
     def _solved(self, point: Array) -> tuple[float, Array]:
         """Return the violation that the program claims at a point, and its costates."""
-        time, inverse, square, v_start, v_end, a_start, a_end = point.tolist()
+        time, inverse, square, v_start, v_end, a_start, a_end, *offsets = point.tolist()
         objective = self._costs(time, inverse, square)
         displacement = self.relaxation.h[self.segment, self.joint]
         objective[self.at["slope"][-1]] -= displacement * inverse
@@ -332,6 +332,8 @@ class Separation:
             for upwards, sign in ((True, 1.0), (False, -1.0)):
                 grown = sign * c[-1] * self.widths[-1]
                 objective[self._part(name, upwards)[-1]] -= displacement * inverse * grown
+        if offsets:
+            objective[self.at["slope"][[0, -1]]] += [offsets[0], -offsets[1]]
         objective[self.at["q"][[0, -1]]] += [v_start, -v_end]
         if self.jerky:
             objective[self.at["p"][[0, -1]]] += [a_start, -a_end]

@@ -9,6 +9,7 @@ import pytest
 
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
+from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem, Status
 from trajopt.core.exceptions import InvalidInput
@@ -101,3 +102,11 @@ def test_a_file_says_it(tmp_path):
     assert Problem(LOOP, LIMITS, closed=False) == Problem(LOOP, LIMITS)
     answer = RuckigStop().solve(problem)
     assert (answer.status, answer.message) == (Status.UNSUPPORTED, "it does not know closed")
+
+
+@pytest.mark.parametrize("limits", [LIMITS, JERKY])
+def test_a_bound_of_a_loop(limits):
+    problem = Problem(LOOP, limits, closed=True)
+    found = Prove().solve(problem)
+    assert found.lower_bound <= found.trajectory.duration <= found.lower_bound * (1 + 1.1e-4)
+    assert Prove().stored_bound(problem, found.stats) == found.lower_bound

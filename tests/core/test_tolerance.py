@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
+from baselines.lower_bound.apart import counted, relaxed
+from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem
 from trajopt.core.exceptions import InvalidInput
@@ -118,3 +120,35 @@ def test_a_file_says_it_in_the_unit_of_the_waypoints(tmp_path):
     assert not problem.tolerance[[0, 2]].any()
     file.write_text(problem.to_toml(), encoding="utf-8")
     assert Problem.from_toml(file) == problem
+
+
+def proved(problem, **options):
+    found = Prove(**options).solve(problem)
+    assert Prove().stored_bound(problem, found.stats) == found.lower_bound
+    return found
+
+
+def test_a_bound_counts_the_boxes():
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([1.0], [2.0]), tolerance=0.15)
+    found = proved(problem)
+    assert 2.7 * (1 - 1.1e-4) <= found.lower_bound <= 2.7
+    turned = Problem(WAYPOINTS, LIMITS, tolerance=[0.05, 0.02])
+    found = proved(turned, within=1e-2)
+    assert 0.99 * found.trajectory.duration <= found.lower_bound <= found.trajectory.duration
+
+
+def test_a_bound_leaves_out_waypoints_that_one_instant_passes():
+    limits = Limits([1.0, 1.0], [1.0, 1.0])
+    waypoints = [[0.0, 0.0], [1.05, 0.95], [0.95, 1.05], [2.0, 2.0]]
+    found = proved(Problem(waypoints, limits, tolerance=0.1), within=1e-2)
+    assert "leaves out waypoints that others' tolerances overlap: 3" in found.message
+    assert 0.99 * 3.0 <= found.lower_bound <= 3.0  # from rest to rest over 2 rad
+    kept = Problem(waypoints, limits, tolerance=[[0, 0], [0.1, 0.1], [0, 0], [0, 0]])
+    waits = replace(kept, demands={**kept.demands, "dwell": [0, 0, 0.2, 0]})
+    assert counted(waits).tolist() == [True, False, True, True]
+
+
+def test_no_program_bounds_what_hardly_moves():
+    problem = Problem([[0.0], [0.1], [0.0]], Limits([1.0], [1.0]), tolerance=0.09995)
+    with pytest.raises(InvalidInput):
+        relaxed(problem)

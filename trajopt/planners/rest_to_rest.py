@@ -36,12 +36,10 @@ def end_to_end_bound(problem: Problem) -> float:
     The longer of two relaxations: every joint alone, straight from the first to the last waypoint
     (the optimum itself where there are two waypoints and jerk limits are symmetric), if the motion
     is from rest to rest; and every segment at full velocity, or in its least or given time. Waits
-    are added. Position limits are lifted, and waypoints that rounding may miss are left out. 0
-    where a demand widens the problem.
+    are added. Position limits are lifted, and waypoints that rounding may miss are left out. Within
+    tolerance segments may take no time.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
-    if "restriction" in left_out:
-        return 0.0
     way = problem.waypoints[-1] - problem.waypoints[0]
     straight = _alone(way[None], problem.limits.in_all_segments(tightest=False), _wider)
     if "" in left_out:  # it may begin or end in motion
@@ -55,7 +53,8 @@ def end_to_end_bound(problem: Problem) -> float:
     top = np.where(h >= 0, forward, -backward)
     cruising = np.abs(h) / top
     least = route.demand("least_times") + route.demand("given_times")
-    longest = np.maximum(cruising.max(axis=1), least)
+    slowest = cruising.max(axis=1) if "tolerance" not in route.demands else 0.0
+    longest = np.maximum(slowest, least)
     bound = max(straight.max(), longest.sum()) + route.demand("dwell").sum()
     return float(bound) * (1 - _ROUNDING_RTOL)
 

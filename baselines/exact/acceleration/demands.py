@@ -109,6 +109,9 @@ class DemandInequalities(AccelerationInequalities):
     A kind of row that a cell lacks is the constant 1 there.
     """
 
+    # what has not converged by then cycles: a time tends to 0, or a box is as wide as the way
+    max_iterations = 300
+
     cells: DemandTables
     point: Any  # DemandUnknowns
 

@@ -210,7 +210,8 @@ def begun(rows: Inequalities) -> Iterate:
 
 def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
     """Steps until every start has arrived or is lost."""
-    while iterate.steps < MAX_ITERATIONS:
+    most = getattr(iterate.state.rows, "max_iterations", MAX_ITERATIONS)
+    while iterate.steps < most:
         if (arrived(iterate) | iterate.lost).all():
             break
         iterate = _stepped(iterate)

@@ -18,6 +18,7 @@ PLAIN = ("name", "source", "digest", "joint_names", "joint_units", "waypoints", 
 DIGITS = 2**128
 SAME = Fraction(1, 2**48)  # rounding, relative to a joint's largest coordinate
 BRIEF, IN_LINE = 60 * 10**5, Fraction(1, 100)  # docs/mathematics/verification.md, (7.1)
+APART = Fraction(1025, 1024)
 NONE, HALF, THIRD = Fraction(0), Fraction(1, 2), Fraction(1, 3)
 
 
@@ -112,6 +113,20 @@ def exact(points, changes):  # which are not between brief steps in line: roundi
     return [k for k in range(len(points)) if k not in spared]
 
 
+def apart(points, room, waits):  # a box that does not leave the one before may be passed with it
+    def is_apart(i, k):
+        ways = zip(points[i], points[k], room[i], room[k], strict=True)
+        return any(abs(x - y) > APART * (r + s) for x, y, r, s in ways)
+
+    stays = [True, *(wait > 0 for wait in waits[1:-1]), True]
+    kept = [0]
+    for k in range(1, len(points)):
+        while stays[k] and not stays[kept[-1]] and not is_apart(kept[-1], k):
+            kept.pop()
+        kept += [k] if stays[k] or is_apart(kept[-1], k) else []
+    return kept
+
+
 # --- the problem ---
 
 said = json.load(
@@ -125,16 +140,25 @@ claimed, stats = said["solution"]["lower_bound"], said["solution"]["stats"]
 proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.items()}
 points = said["problem"]["waypoints"]
 others = {key: x for key, x in said["problem"].items() if key not in PLAIN}
-if others.keys() - {"dwell", "given_times", "least_times", *ENDS[0], *ENDS[1]}:
+KNOWN = ("closed", "dwell", "given_times", "least_times", "tolerance", *ENDS[0], *ENDS[1])
+if others.keys() - set(KNOWN):
     refuse(f"{', '.join(others)}: not all of these are known here")
 given = others.get("given_times")  # all segments' times
 least = given or others.get("least_times", [NONE] * (len(points) - 1))  # of each segment
 waits = others.get("dwell", [NONE] * len(points))  # at each waypoint, at rest
+closed = bool(others.get("closed"))  # the motion ends as it begins
+if "closed" in others:
+    others["closed"] = Fraction(closed)
+room = others.get("tolerance", [[NONE] * len(points[0])] * len(points))  # of each waypoint
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
 tables = [("", points), *(("", sided(own)) for own in pairs)]
 rows = [own if len(shape(own)) == 3 else [own] * len(least) for own in pairs]  # by segment
 kept = separate(points, least)
+room = [
+    [min(column) for column in zip(*room[i:k], strict=True)]
+    for i, k in pairwise([*kept, len(room)])
+]
 points = [points[k] for k in kept]
 rows = [[own[k - 1] for k in kept[1:]] for own in rows]
 least = [sum(least[i:k]) for i, k in pairwise(kept)]
@@ -144,6 +168,12 @@ if not others:
     kept = exact(points, changes)
     points = [points[k] for k in kept]
     rows = [[own[k - 1] for k in kept[1:]] for own in rows]
+elif any(map(any, room)):  # leave out waypoints whose boxes overlap the one before, or the last
+    kept = apart(points, room, waits)
+    points, room = ([table[k] for k in kept] for table in (points, room))
+    rows = [[own[k - 1] for k in kept[1:]] for own in rows]
+    least = [sum(least[i:k]) for i, k in pairwise(kept)]
+    waits = [waits[k] for k in kept]
 others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
 if digest(tables + sorted(others.items())) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
@@ -153,11 +183,13 @@ states = [[row[j] for keys in ends for row in keys] for j in range(len(rest))]
 moving = [j for j in range(len(rest)) if len({x[j] for x in points}) > 1 or any(states[j])]
 way = [[b[j] - a[j] for j in moving] for a, b in pairwise(points)]  # segment by segment
 K, N = len(way), len(moving)
+room = [[row[j] for j in moving] for row in room]
+slack = [[r + s for r, s in zip(a, b, strict=True)] for a, b in pairwise(room)]  # of each segment
 sizes = [[[[x and abs(x) for x in row[j]] for j in moving] for row in own] for own in rows[:3]]
 V, A, J = sizes  # by segment and joint, down and up
 positions = [pairs[3][j] for j in moving]
 falls = [limits.get("falling_velocity", {j: [None]})[j] for j in moving]  # o, d and the range
-falls = [None if None in fall else fall for fall in falls]
+falls = [None if None in fall or any(map(any, room)) else fall for fall in falls]
 
 
 def widest(table, j):  # of all segments
@@ -185,10 +217,11 @@ def farthest(time, j, sign):
 if not proof:
     total = [sum(x) for x in zip(*way, strict=True)]
     moved = claimed - sum(waits)
-    at_rest = not any(map(any, states))
+    at_rest = not closed and not any(map(any, states))
     alone = at_rest and any(farthest(moved, j, total[j] > 0) <= abs(total[j]) for j in range(N))
     slowest = [
-        max(abs(h) / v[j][h > 0] for j, h in enumerate(x)) for x, v in zip(way, V, strict=True)
+        max(max(abs(h) - r[j], 0) / v[j][h > 0] for j, h in enumerate(x))
+        for x, v, r in zip(way, V, slack, strict=True)
     ]
     holds = alone or moved <= sum(map(max, slowest, least))
     print(f"closed form: {float(claimed):.9f} s {'holds' if holds else 'does not hold'}")
@@ -201,7 +234,9 @@ unit, *sizes = proof["units"]
 if len(sizes) != N or min(unit, *sizes) <= 0 or proof["cutoff"][0] <= 0:
     refuse("units of time and of every joint, and a cut-off")
 U = proof["cutoff"][0] / unit
-way = [[h / sizes[j] for j, h in enumerate(row)] for row in way]
+way, room, slack = (
+    [[h / sizes[j] for j, h in enumerate(row)] for row in table] for table in (way, room, slack)
+)
 A = [[[a * unit**2 / sizes[j] for a in row[j]] for j in range(N)] for row in A]
 J = [[[x and x * unit**3 / sizes[j] for x in row[j]] for j in range(N)] for row in J]
 v0, vK, a0, aK = (
@@ -214,14 +249,17 @@ for j in range(N):  # from the start's velocity to a peak, and from there to the
     gained = (abs(v0[j]) + abs(vK[j])) / min(braking, speeding)
     reached = up((U + gained) / (1 / braking + 1 / speeding))
     for row in V:
-        row[j] = [min(v * unit / sizes[j], reached) for v in row[j]]
+        row[j] = [min(v * unit / sizes[j], inf if closed else reached) for v in row[j]]
 for fall, size in zip(falls, sizes, strict=True):
     if fall:
         fall[:2] = fall[0] * unit / size, fall[1] * unit**2 / size
 jerky = [j for j in range(N) if any(row[j] != [None, None] for row in J)]
-inner = [(k, j) for k in range(K - 1) for j in jerky]  # waypoints and joints with an acceleration
-M = (K - 1) * N
+free = range(K - 1 + closed)  # waypoints with a state: a closed motion's last one too
+inner = [(k, j) for k in free for j in jerky]  # with an acceleration
+offset = [(k, j) for k in free for j in range(N) if room[k + 1][j]]  # with a tolerance
+M = len(free) * N
 S, Q, v, a, before, after = K, 2 * K, 3 * K, 3 * K + M, 3 * K + 2 * M, 3 * K + 3 * M
+e, e_before, e_after = after + M, after + 2 * M, after + 3 * M  # offsets; these times S
 
 
 def near(k, j, side):  # from waypoint k to the end of the range, and to where nothing is allowed
@@ -231,7 +269,7 @@ def near(k, j, side):  # from waypoint k to the end of the range, and to where n
 
 
 def allowed(k, j, side):  # highest velocity at waypoint k, between two segments
-    both = min(V[k - 1][j][side], V[k][j][side])
+    both = min(V[k - 1][j][side], V[k % K][j][side])
     if falls[j] is None:
         return both
     o, d, *_ = falls[j]
@@ -249,14 +287,15 @@ def wall(k, j, side):  # farthest position in segment k from its start
 def root_box():
     low, high = [NONE] * before, [NONE] * before  # times, velocities, accelerations
     for k, row in enumerate(way):
-        low[k] = max(least[k] / unit, *(down(abs(h) / V[k][j][h > 0]) for j, h in enumerate(row)))
+        shortest = [down((abs(h) - slack[k][j]) / V[k][j][h > 0]) for j, h in enumerate(row)]
+        low[k] = max(least[k] / unit, *shortest)
         high[k] = least[k] / unit if given else U
-    for k, j in ((k, j) for k in range(K - 1) for j in range(N)):
+    for k, j in ((k, j) for k in free for j in range(N)):
         low[v + k * N + j], high[v + k * N + j] = -allowed(k + 1, j, 0), allowed(k + 1, j, 1)
         if j in jerky:
-            braking, speeding = map(min, A[k][j], A[k + 1][j])
+            braking, speeding = map(min, A[k][j], A[(k + 1) % K][j])
             low[a + k * N + j], high[a + k * N + j] = -braking, speeding
-        if waits[k + 1]:  # at rest
+        if waits[k + 1] and not closed:  # at rest
             for x in (v + k * N + j, a + k * N + j):
                 low[x] = high[x] = NONE
     return low, high
@@ -270,7 +309,12 @@ def sides(x, low, high):  # bounds of any variable, from those of the box
     if x < v:
         return low[x - Q] ** 2, high[x - Q] ** 2
     place = (x - before) % M
-    k = place // N + (x >= after)
+    k = (place // N + (after <= x < e or x >= e_after)) % K
+    if x >= e:
+        r = room[place // N + 1][place % N]
+        if x < e_before:
+            return -r, r
+        return -r * up(1 / low[k]), r * up(1 / low[k])
     corners = [y * t for y in (low[a + place], high[a + place]) for t in (low[k], high[k])]
     return min(corners), max(corners)
 
@@ -350,15 +394,17 @@ def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
         row[Q + k] -= weighed(f, width, jerk)
         row[k] -= weighed(bend, width, A[k][j])
         bound += weighed(turn, width, V[k][j])
-    if k > 0:
-        place = (k - 1) * N + j
+    if k > 0 or closed:
+        place = (k - 1) % K * N + j
         row[v + place], row[after + place] = -q[0][0], -p[0][0]
+        row[e_after + place] = -slopes[0]
     else:
         bound += q[0][0] * v0[j]
         row[k] -= p[0][0] * a0[j]
-    if k < K - 1:
+    if k < K - 1 or closed:
         place = k * N + j
         row[v + place], row[before + place] = value(q[-1], widths[-1]), value(p[-1], widths[-1])
+        row[e_before + place] = ends[-1]
     else:
         bound -= value(q[-1], widths[-1]) * vK[j]
         row[k] += value(p[-1], widths[-1]) * aK[j]
@@ -370,9 +416,9 @@ def ramp(k, j, side):  # a₁ − a₀ ≤ J T
         refuse("a ramp without a jerk limit")
     sign = 1 if side else -1
     row = {k: -J[k][j][side]}
-    if k > 0:
-        row[a + (k - 1) * N + j] = -sign
-    if k < K - 1:
+    if k > 0 or closed:
+        row[a + (k - 1) % K * N + j] = -sign
+    if k < K - 1 or closed:
         row[a + k * N + j] = sign
     return row, sign * (a0[j] * (k == 0) - aK[j] * (k == K - 1))
 
@@ -382,9 +428,20 @@ def corner(i, low, high):  # α between the products of a and T at the box's cor
     (k, j), i = inner[i // 4], i % 4
     place = k * N + j
     sign = -1 if i < 2 else 1
-    x, t = (high if i in (1, 2) else low)[a + place], (high if i in (1, 3) else low)[k + later]
-    row = {(after if later else before) + place: sign, k + later: -sign * x, a + place: -sign * t}
+    time = (k + later) % K
+    x, t = (high if i in (1, 2) else low)[a + place], (high if i in (1, 3) else low)[time]
+    row = {(after if later else before) + place: sign, time: -sign * x, a + place: -sign * t}
     return row, -sign * x * t
+
+
+def near_corner(i, low, high):  # an offset times S likewise
+    later, i = divmod(i, 4 * len(offset))
+    (k, j), i = offset[i // 4], i % 4
+    place, inverse = k * N + j, S + (k + later) % K
+    sign = -1 if i < 2 else 1
+    x, t = (sides(y, low, high)[i in own] for y, own in ((e + place, (1, 2)), (inverse, (1, 3))))
+    product = (e_after if later else e_before) + place
+    return {product: sign, inverse: -sign * x, e + place: -sign * t}, -sign * x * t
 
 
 squares = [(whole(k, K), t) for k, t in proof.get("square_tangents", [])]
@@ -414,6 +471,9 @@ def row(i, low, high):
     if i < 8 * len(inner):
         return corner(i, low, high)
     i -= 8 * len(inner)
+    if i < 8 * len(offset):
+        return near_corner(i, low, high)
+    i -= 8 * len(offset)
     if i < len(squares):  # (h − T) (T − t)² / T ≥ 0
         k, t = squares[i]
         h = high[k]
@@ -449,7 +509,7 @@ def lowered(high, x, at):
 
 
 total = dict.fromkeys(range(K), 1)
-rows = 1 + 2 * K + 8 * len(inner) + len(squares) + len(others)
+rows = 1 + 2 * K + 8 * (len(inner) + len(offset)) + len(squares) + len(others)
 boxes, proved, used = [root_box()], U, 0
 if is_empty(*boxes[0]):
     refuse("a cut-off below what a segment takes")
