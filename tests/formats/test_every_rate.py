@@ -182,6 +182,28 @@ def slider(path, own):
     return urdf.read(path)
 
 
+DRAKE = '<robot name="r" xmlns:drake="http://drake.mit.edu">'
+
+
+@pytest.mark.parametrize("root", [DRAKE, '<robot name="r">'])  # declared, and not
+def test_drake_s_limits_are_read(tmp_path, root):
+    path = tmp_path / "r.urdf"
+    own = 'drake:acceleration="3" drake:jerk="40"'
+    joint = f'<joint name="j" type="revolute"><limit {LIMIT}{own}/></joint>'
+    path.write_text(f"{root}{joint}<sensor:camera name='c'/></robot>")
+    limits = urdf.read(path).limits(["j"])
+    assert limits.acceleration.tolist() == [[-3, 3]]
+    assert limits.jerk.tolist() == [[-40, 40]]
+
+
+def test_macros_of_an_undeclared_xacro_are_refused(tmp_path):
+    path = tmp_path / "r.urdf"
+    joint = f'<joint name="j" type="revolute"><limit {LIMIT}/></joint>'
+    path.write_text(f'<robot name="r">{joint}<xacro:arm/></robot>')
+    with pytest.raises(InvalidInput, match=r"make one: xacro r\.urdf > robot\.urdf"):
+        urdf.read(path)
+
+
 def test_a_urdf_of_version_1_2(tmp_path):
     path = tmp_path / "r.urdf"
     limits = slider(path, 'acceleration="1" jerk="20"').limits(["j"])
@@ -204,7 +226,7 @@ def test_a_urdf_of_version_1_2(tmp_path):
 PROBLEM = """name = "n"
 source = "s"
 joint_names = ["j"]
-waypoints = [[0], [1]]
+waypoints = [[0], [1], [-1]]
 units = {waypoints = "rad", limits = "rad"}
 """
 OF_KIND = {  # what a table of limits says, and another value

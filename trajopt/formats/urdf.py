@@ -52,6 +52,7 @@ _ATTRIBUTES = {
 }
 _OTHER_ELEMENTS = ("axis", "calibration", "child", "dynamics", "origin", "parent")
 _HARMLESS_XACRO = ("arg", "property")  # they define what may be used in ${} and $()
+_PREFIX = re.compile(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _TEMPLATE = re.compile(r"\$[({]")
 _INFINITIES = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 
@@ -88,10 +89,8 @@ def _parsed(file: Path) -> Element:
         "robot", f"a URDF; make one: xacro {file.name} > robot.urdf", value="xacro"
     )
     try:
-        root = ElementTree.fromstring(content)
+        root = ElementTree.fromstring(_declared(content))
     except (ElementTree.ParseError, LookupError, ValueError) as error:
-        if "unbound prefix" in str(error) and b"<xacro:" in content:
-            raise xacro from None
         raise InvalidInput("robot", "a URDF", value=str(error)) from None
     namespace = root.tag.partition("}")[0] + "}"
     for element in root.iter():
@@ -99,11 +98,24 @@ def _parsed(file: Path) -> Element:
         if "xacro" in prefix and tag not in _HARMLESS_XACRO:
             raise xacro
         element.tag = element.tag.removeprefix(namespace)
+        if element.tag == "limit":
+            for key in [key for key in element.attrib if key.startswith("{")]:
+                rate = key.rpartition("}")[2]
+                if rate in _RATES and rate not in element.attrib:  # drake:acceleration
+                    element.set(rate, element.attrib.pop(key))
     if any(_TEMPLATE.search(joint.get("name", "")) for joint in root.findall("joint")):
         raise xacro
     if root.tag != "robot":
         raise InvalidInput("robot", "a URDF, whose first tag is robot", value=root.tag)
     return root
+
+
+def _declared(content: bytes) -> bytes:
+    """Declare the prefixes of names that the file does not, as ROS's parser knows none."""
+    used = sorted(set(_PREFIX.findall(content)) - {b"xml", b"xmlns"})
+    unknown = [own for own in used if b"xmlns:" + own not in content]
+    said = b"".join(b' xmlns:%s="%s"' % (own, own) for own in unknown)
+    return re.sub(rb"<robot\b", rb"<robot" + said, content, count=1)
 
 
 def _robot(root: Element, source: str) -> RobotLimits:
