@@ -124,6 +124,10 @@ class Demand:
             rounding: Of each joint's coordinates, `(joints,)`.
         """
 
+    def under(self, numbers: Array, limits: Limits) -> Array:
+        """The numbers as fewer limits leave them: those that ask nothing then are the default."""
+        return numbers
+
     # --- the same demand, otherwise ---
 
     def unit_size(self, lengths: Array | float = 1.0, time: float = 1.0) -> Array:
@@ -187,6 +191,9 @@ class _Acceleration(Demand):
         for joint in np.flatnonzero((numbers != 0) & ~limits.jerk_limited).tolist():
             right = "0, or a jerk limit: without one the acceleration may jump at the ends"
             raise InvalidInput(self.key, right, value=numbers[joint], joint=joint)
+
+    def under(self, numbers: Array, limits: Limits) -> Array:
+        return np.where(limits.jerk_limited, numbers, 0.0)
 
 
 class _Times(Demand):
@@ -411,5 +418,6 @@ END_STATES = (*END_VELOCITIES, "start_acceleration", "end_acceleration")
 
 
 def names(keys: Iterable[str]) -> str:
-    """Demands in words: "start velocity and end velocity"."""
-    return " and ".join(DEMANDS[key].name for key in keys)
+    """Demands in words: "start velocity, end velocity and tolerance"."""
+    *others, last = (DEMANDS[key].name for key in keys)
+    return " and ".join(filter(None, [", ".join(others), last]))

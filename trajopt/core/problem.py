@@ -179,8 +179,13 @@ class Problem:
         """
         if not names:
             return self
-        left = {key: own for key, own in self.demands.items() if key not in names}
-        return replace(self, limits=self.limits.without(*names), demands=left)
+        limits = self.limits.without(*names)
+        left = {
+            key: DEMANDS[key].under(own, limits)
+            for key, own in self.demands.items()
+            if key not in names
+        }
+        return replace(self, limits=limits, demands=left)
 
     def only(self, joints: ArrayLike) -> Problem:
         """The problem of some joints, by index (from 0) or mask: a relaxation of it.

@@ -313,13 +313,13 @@ def _judged(
         flaws += _other_times(problem, trajectory, begins)
     if not problem.route.dilatable and at_rest and not flaws:
         if dilation <= 1 + KEPT_RTOL:
-            dilation = min(dilation, 1.0)
+            dilation = 1.0
         else:
             from trajopt.judging.slower import slower  # late: it needs parts of SciPy
 
             found = None
             if "given_times" not in problem.demands:
-                found = slower(problem, judged, lambda own: _kept(problem, own, unjudged))
+                found = slower(problem, judged, lambda own: keeping(problem, own, unjudged))
             if found is None:
                 flaws.append(_not_slower(problem, uses))
             else:
@@ -337,8 +337,10 @@ def _judged(
     return certificate, judged
 
 
-def _kept(problem: Problem, trajectory: Trajectory, unjudged: Collection[str]) -> Trajectory | None:
-    """The motion repaired, if it then keeps every limit."""
+def keeping(
+    problem: Problem, trajectory: Trajectory, unjudged: Collection[str] = ()
+) -> Trajectory | None:
+    """Return the motion repaired, if it then keeps every limit but for rounding; else None."""
     motion = repaired(problem, trajectory)
     if motion is None:
         return None

@@ -32,7 +32,7 @@ from typing import Any, cast, get_type_hints
 import numpy as np
 
 from trajopt.core import dwell
-from trajopt.core.demand import DEMANDS
+from trajopt.core.demand import DEMANDS, names
 from trajopt.core.end_states import impossible
 from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.core.problem import Problem, check_problem
@@ -213,9 +213,9 @@ class Planner(ABC):
             return next(filter(None, map(self.unsupported, dwell.parts(problem))), None)
         harmless = "relaxation" if self.drops else "restriction"
         demands = self.unknown_demands(problem)
-        asked = [DEMANDS[key].name for key in demands if DEMANDS[key].left_out != harmless]
+        asked = [key for key in demands if DEMANDS[key].left_out != harmless]
         if asked:
-            return f"it does not know {' and '.join(asked)}"
+            return f"it does not know {names(asked)}"
         limits = problem.limits.kinds
         refused = [limits[key].name() for key in self.unknown(problem) if not limits[key].forgiven]
         if self.drops or not refused:

@@ -39,7 +39,7 @@ from baselines.exact.method.planner import (
 )
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from trajopt.core.arrays import Array
-from trajopt.core.demand import END_VELOCITIES
+from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
@@ -72,11 +72,11 @@ class Exact(SeveralStarts):
 
     knows = (
         *("velocity", "acceleration", "segment"),
-        *(*END_VELOCITIES, *DEMANDS_KNOWN, "tolerance"),
+        *(*END_STATES, *DEMANDS_KNOWN, "tolerance"),
     )
 
     def unsupported(self, problem: Problem) -> str | None:
-        return without_ipopt(self.solver, problem)
+        return without_ipopt(self.solver, problem, END_STATES)
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

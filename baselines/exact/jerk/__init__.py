@@ -3,6 +3,7 @@
 In reading order:
 
 - `planner`: the program, where it starts, and what it answers.
+- `gaps`: where it starts if the motion begins or ends in motion.
 - `profiles`: the two extreme profiles of a joint in a segment, in closed form.
 - `cells`: unknowns, inequalities and Newton steps of the program.
 - `motion`: the motion through the waypoint states of an optimum.

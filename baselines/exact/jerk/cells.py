@@ -100,6 +100,8 @@ class JerkTables:
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None]
         self.closed = scaled.closed
+        # where the motion's last state is given, the rows of that waypoint say nothing
+        self.given = bool(np.any(scaled.end_v) or np.any(scaled.end_a))
         self.least = scaled.least if scaled.least.any() else None
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
@@ -151,6 +153,9 @@ class JerkInequalities:
         slower = cells.widest - signs * acceleration
         faster = signs * velocity + cells.falling * acceleration**2 / 2
         tables = [reach, slower, cells.fastest - faster]
+        if cells.given:
+            for table in tables[1:]:
+                table[..., -1, :] = 1.0
         if cells.least is not None:
             tables.append(_longer(times, cells.least, velocity.shape))
         values = np.concatenate(tables)[:, None]
@@ -205,6 +210,8 @@ class JerkInequalities:
         first[TIME, FASTER] = own * (self.steep - ends)
         first[VELOCITIES[1], FASTER] = -own
         first[ACCELERATIONS[1], FASTER] = -self.cells.falling * acceleration
+        if self.cells.given:
+            first[:, REACH:LEAST, ..., -1, :] = 0.0
         if self.cells.least is not None:
             first[TIME, LEAST, ..., 0] = self.cells.least > 0
         return Slopes(first, second)
@@ -238,6 +245,9 @@ class JerkLinearisation:
         cells = rows.cells
         ends = rows.point.ends
         z = multipliers[:, 0]
+        if cells.given:
+            z = z.copy()
+            z[REACH:LEAST, ..., -1, :] = 0.0
         w = weights[:, 0]
         matrix = np.einsum("ir...,jr...->ij...", w * first, first)
         matrix -= (z[:REACH] * second).sum(axis=2)
@@ -266,6 +276,8 @@ class JerkLinearisation:
         # the velocity rows miss what the links miss
         self.missed = np.zeros_like(w)
         self.missed[FASTER] = rows.t * cells.signs[:2] * rows.missing[1]
+        if cells.given:
+            self.missed[FASTER, ..., -1, :] = 0.0
         self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1), cells.closed)
 
     def slope(self, multipliers: Array) -> Array:

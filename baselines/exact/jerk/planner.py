@@ -12,17 +12,17 @@ made for it solves (`exact.method.interior_point`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
-from itertools import islice
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import Literal
 
 import numpy as np
 
 from baselines.exact.acceleration import Exact
-from baselines.exact.jerk import one_sided
+from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
+from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.method import brief_steps
 from baselines.exact.method.interior_point import begun, chosen, converged, descended
 from baselines.exact.method.planner import (
@@ -33,8 +33,9 @@ from baselines.exact.method.planner import (
 )
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
+from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
-from trajopt.core.solution import Solution
+from trajopt.core.solution import Solution, Status
 from trajopt.planners.reductions import SIMPLEST, reduced
 
 # Times `starts`: how many are tried where all have failed so far.
@@ -62,7 +63,7 @@ class ExactJerk(SeveralStarts):
     starts: int = 4
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", "jerk", *DEMANDS_KNOWN)
+    knows = ("velocity", "acceleration", "jerk", *END_STATES, *DEMANDS_KNOWN)
     seconds = (3e-4, 2e-8)
 
     def unsupported(self, problem: Problem) -> str | None:
@@ -86,34 +87,50 @@ class ExactJerk(SeveralStarts):
         # late: planners that are only listed need none of it
         from baselines.exact.jerk.motion import Reachable
 
+        inside = gaps.off_limits(problem)
+        if inside is not problem:
+            solution = self._solved(inside, left_out)
+            motion = solution.trajectory and gaps.brought_back(problem, solution.trajectory)
+            if solution.trajectory is not None and motion is None:
+                message = "no motion was found that begins or ends at a limit"
+                return Solution(Status.FAILED, message=message, stats=solution.stats)
+            return replace(solution, trajectory=motion)
         scaled = Reachable(problem)
         scaled.left_out = left_out
-        solve: Callable[[Sequence[Array]], list[LocalOptimum]] = partial(_minimised, scaled)
-        if self.solver == "ipopt":
-            from baselines.exact.jerk.by_ipopt import minimised
 
-            solve = partial(minimised, scaled)
+        def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:
+            if self.solver == "ipopt":
+                from baselines.exact.jerk.by_ipopt import minimised
+
+                return minimised(scaled, [own.times for own in starts])
+            return _minimised(scaled, starts)
+
+        if not problem.route.at_rest:
+            beside = gaps.starts(scaled)
+            every = chain(beside, gaps.more_starts(scaled))
+            return self.best_of(scaled, solve, every, apart=len(beside))
         starts = islice(_starts(scaled), MAX_STARTS_FACTOR * self.starts)
         return self.best_of(scaled, solve, starts)
 
 
-def _starts(scaled: Scaled) -> Iterator[Array]:
+def _starts(scaled: Scaled) -> Iterator[JerkStart]:
     """Segment times to start from: what stops at every waypoint is within reach."""
     rng = np.random.default_rng(0)
-    yield STOPPING_DILATION * scaled.stop
+    inner = scaled.h if scaled.closed else scaled.h[1:]
+    at_rest = np.zeros_like(inner)
+    yield JerkStart(STOPPING_DILATION * scaled.stop, at_rest, at_rest)
     while True:
         slower = rng.uniform(STOPPING_DILATION, MAX_START_DILATION, len(scaled.stop))
-        yield slower * scaled.stop
+        yield JerkStart(slower * scaled.stop, at_rest, at_rest)
 
 
-def _minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
+def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
     """The local optimum near each start."""
     cells = JerkTables(scaled, kinds=2)
-    inner = scaled.h if scaled.closed else scaled.h[1:]
-    at_rest = np.zeros((len(starts), *inner.shape))
+    times, velocity, acceleration = (np.array(own) for own in zip(*starts, strict=True))
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
-        point = cells.linked(np.array(starts), at_rest, at_rest)
+        point = cells.linked(times, velocity, acceleration)
         iterate = descended(begun(JerkInequalities(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point

@@ -30,12 +30,12 @@ DEMANDS_KNOWN = ("least_times", "given_times", "closed")
 _GIVEN_RTOL = 1e-10
 
 
-def without_ipopt(solver: str, problem: Problem) -> str | None:
-    """Return why IPOPT's program cannot solve a problem: it has no demands."""
-    if solver != "ipopt" or not problem.demands:
+def without_ipopt(solver: str, problem: Problem, knows: Sequence[str] = ()) -> str | None:
+    """Return why IPOPT's program cannot solve a problem: it has hardly any demands."""
+    unknown = [key for key in problem.demands if key not in knows]
+    if solver != "ipopt" or not unknown:
         return None
-    asked = names(problem.demands)
-    return f"its program for IPOPT does not know {asked}; the interior-point method does"
+    return f"its program for IPOPT does not know {names(unknown)}; the interior-point method does"
 
 
 class LocalOptimum(NamedTuple):

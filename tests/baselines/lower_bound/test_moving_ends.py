@@ -16,7 +16,7 @@ from baselines.lower_bound.bound import prove
 from baselines.lower_bound.branching import branch_and_bound
 from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
-from experiments.soaks.moving_ends import drawn, optimum
+from soaks.moving_ends import drawn, optimum
 from trajopt import Limits, Problem, Status
 from trajopt.benchmark.store.document import pack, problem_table
 from trajopt.core.exceptions import InvalidInput

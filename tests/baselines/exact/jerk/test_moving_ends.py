@@ -1,0 +1,71 @@
+"""`exact-jerk` between states in motion, accelerations too: Ruckig, IPOPT's value, relations."""
+
+from __future__ import annotations
+
+import pytest
+
+from baselines.exact.jerk import ExactJerk
+from soaks.moving_ends import drawn, optimum
+from trajopt import Limits, Problem, Status, verify
+
+
+def solved(problem):
+    solution = ExactJerk().solve(problem)
+    assert solution.status is Status.SOLVED
+    certificate = verify(problem, solution.trajectory)
+    assert certificate.feasible
+    assert certificate.certified_duration == pytest.approx(solution.trajectory.duration, rel=1e-8)
+    return solution.trajectory
+
+
+def test_two_segments_share_their_only_waypoint():
+    """IPOPT, every joint with its own pieces of constant jerk, found the same to 5e-11."""
+    problem = Problem(
+        [[0, 0], [-0.534233, -0.826166], [-1.011512, -0.169544]],
+        Limits([2.157952, 0.532101], [4.133913, 3.556266], [37.537328, 69.228089]),
+        start_velocity=[-0.195428, -0.148995],
+        end_velocity=[-0.877892, 0.279073],
+        start_acceleration=[1.47562, 0.455386],
+    )
+    assert solved(problem).duration == pytest.approx(3.0292890934571433, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(1, 17, 2))
+def test_two_waypoints_are_ruckigs(seed):
+    problem = drawn(seed, jerk=True)
+    assert solved(problem).duration == pytest.approx(optimum(problem).duration, rel=1e-8)
+
+
+def test_a_start_at_its_velocity_limit():
+    """`v0 = V`: it cruises, then brakes from V to rest under A and J: V/2 (V/A + A/J)."""
+    problem = Problem([[0.0], [3.0]], Limits([1.0], [2.0], [8.0]), start_velocity=[1.0])
+    braking = 1 / 2 + 2 / 8
+    assert solved(problem).duration == pytest.approx(3.0 + braking / 2, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
+    problem = drawn(seed, waypoints=4, joints=2, jerk=True)
+    motion = solved(problem)
+    cut = motion.waypoint_times[1]
+    there = {"velocity": motion(cut, 1), "acceleration": motion(cut, 2)}
+    for rows, end, duration in (
+        (slice(0, 2), "end", cut),
+        (slice(1, None), "start", motion.duration - cut),
+    ):
+        other = {"end": "start", "start": "end"}[end]
+        demands = {f"{end}_{rate}": own for rate, own in there.items()}
+        demands |= {key: own for key, own in problem.demands.items() if key.startswith(other)}
+        part = Problem(problem.waypoints[rows], problem.limits, demands=demands)
+        assert solved(part).duration == pytest.approx(duration, rel=1e-5)
+    route = problem.route.reversed()
+    backwards = Problem(route.waypoints, problem.limits, demands=route.demands)
+    assert solved(backwards).duration == pytest.approx(motion.duration, rel=1e-8)
+
+
+def test_impossible_accelerations_are_infeasible():
+    limits = Limits([2.0], [4.0], [6.0])
+    problem = Problem([[0.0], [1.0]], limits, start_velocity=[1.5], start_acceleration=[3.0])
+    solution = ExactJerk().solve(problem)
+    assert solution.status is Status.INFEASIBLE
+    assert "under its jerk limit to 2.25 rad/s at least" in solution.message
