@@ -33,7 +33,7 @@ class RobotOptions:
     """The flags that give waypoints of a file their limits.
 
     Attributes:
-        robot: RobotOptions of the waypoints; see `trajopt list`.
+        robot: Robot of the waypoints; see `trajopt list`.
         urdf: URDF of the waypoints' robot: joint names, positions, velocities.
         limits: MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them.
         unit: Units where a header has none, like deg,mm,ms: of waypoints, else of the motion.

@@ -148,7 +148,7 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> PlainTable:
         if planner["available"]:
             lines.append(Text(_limits_in_words(planner), "dim"))
             if planner["on_request"]:
-                lines.append(Text("compared if named", "dim"))
+                lines.append(Text("`compare` runs it only if it is named", "dim"))
         else:
             lines.append(Text(console.visible(f"not available: {planner['missing']}"), "red"))
         table.row(console.bold(planner["name"]), Text("\n").join(lines))
@@ -156,11 +156,14 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> PlainTable:
 
 
 def _limits_in_words(planner: dict[str, Any]) -> str:
-    sentences = [f"knows {', '.join(planner['knows']) or 'no'} limits"]
+    known = ", ".join(planner["knows"]) or "none"
+    sentences = [f"limits that it knows: {known.replace('_', ' ')}"]
     if planner["demands"]:
-        sentences.append(f"and {', '.join(DEMANDS[key].name for key in planner['demands'])}")
+        demands = ", ".join(DEMANDS[key].name for key in planner["demands"])
+        sentences.append(f"demands that it knows: {demands}")
     if planner["ignores"]:
-        sentences.append(f"ignores {' and '.join(planner['ignores'])} limits: relaxed then")
+        ignored = " and ".join(planner["ignores"])
+        sentences.append(f"ignores {ignored} limits, its answer is then `relaxed`")
     if planner["refuses"]:
         sentences.append(f"refuses {' and '.join(planner['refuses'])} limits")
     return "; ".join(sentences)

@@ -68,14 +68,15 @@ def _readings(trials: Sequence[Trial]) -> str:
 def _caption(lines: Sequence[Line], readings: str) -> str:
     first = lines[0]
     runs = max(line.runs for line in lines)
-    seeds = f"Up to {runs} seeds. " * (runs > 1)
-    sentences = [f"{seeds}Motions that break a limit count with the time they need slowed down."]
+    seeds = f"Planners with random choices ran with {runs} seeds. " * (runs > 1)
+    slowed = "A motion that breaks a limit counts as slowed down until it keeps them all."
+    sentences = [f"{seeds}{slowed}"]
     if first.kind is not None:
         sentences.append(table_cells.reference(first))
     if readings:
         sentences.append(f"Reading of the paper: {readings}.")
-    slowed = any(table_cells.of_summary(one)["dilation"] != table_cells.MISSING for one in lines)
-    dilated = "; × 1.33: the others must be slowed by this (median)" if slowed else ""
+    broken = any(table_cells.of_summary(one)["dilation"] != table_cells.MISSING for one in lines)
+    dilated = "; × 1.33: the others must be slowed by this (median)" if broken else ""
     sentences.append(
         f"Kept: share of runs within every limit as claimed{dilated}. ∫jerk²: of the certified "
         "motion, all joints together, SI units; ∞ where acceleration jumps."

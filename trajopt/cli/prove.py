@@ -75,15 +75,19 @@ def _infeasible(name: str, file: Path | None, family: str, reason: str, *, as_js
         table = {"problem": name, "problem_file": file, "family": family}
         console.print_json(table | {"status": str(Status.INFEASIBLE), "message": reason})
     else:
-        console.headline("", f"{name}, {family}: ", str(Status.INFEASIBLE))
+        console.headline("", f"{_what(name, family)}: ", str(Status.INFEASIBLE))
         console.paragraph(f"  {reason}")
     return 0
 
 
+def _what(name: str, family: str) -> str:
+    """Say of which motions of a problem a bound is."""
+    return name if family == "free" else f"{name}, {family} splines alone"
+
+
 def _print(table: dict[str, Any], message: str) -> None:
     """Print the bounds; the planner's message tells why they are apart."""
-    what = f"{table['problem']}, {table['family']}"
-    console.headline("", f"{what}: ", table["status"])
+    console.headline("", f"{_what(table['problem'], table['family'])}: ", table["status"])
     console.line(f"  lower bound {table['lower_bound']:.9f} s")
     if isfinite(table["proved_within"]):
         console.line(

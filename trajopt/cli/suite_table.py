@@ -16,7 +16,7 @@ Problems: those that count for a planner. Not those that do not apply (n/a): it
 refuses them, or answers without some of the limits. Solved, failed: runs.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
-_PAIRED = "There: the gap of {} on the same problems; lines of different problems compare by it."
+_PAIRED = "There: the gap of {} on the same problems. It tells how hard the problems of a line are."
 _CELLS = {
     "problems": "problems",
     "not_applicable": "n/a",
