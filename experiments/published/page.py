@@ -10,6 +10,7 @@ import jinja2
 import pandas as pd
 
 from experiments.published.judged import JudgedProblem, optimised, table
+from experiments.published.smooth353 import times_the_least
 from trajopt.benchmark.suites.literature import Published
 from trajopt.explain.verdicts import MEANINGS, Verdict
 from trajopt.views import table_cells
@@ -72,6 +73,7 @@ def page(problems: Sequence[JudgedProblem], beyond: Sequence[Published], folder:
         table=_markdown,
         summary=_SUMMARY,
         claims=_CLAIMS,
+        times_the_least=times_the_least,
         **_beside_stopping(claimed),
     )
 
