@@ -15,6 +15,8 @@ from trajopt.benchmark.trial import trials_of
 from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.active_limits import active_limits, stretches
 from trajopt.planners.registry import load
+from trajopt.views.figures import motions
+from trajopt.views.report.panels import panel
 
 
 @dataclass(frozen=True)
@@ -231,3 +233,20 @@ def test_who_does_not_know_it_plans_with_the_tightest_limits():
     assert found.status is Status.SOLVED
     assert "the tightest limits of all segments" in found.message
     assert verify(asked, found.trajectory).dilation <= 1 + 1e-6
+
+
+def test_figures_draw_each_segments_limits():
+    figure = motions.motion(one_joint(), passing().dilated(2.0))
+    velocity = figure.axes[1]
+    edges = [line for line in velocity.lines if line.get_drawstyle() == "steps-post"]
+    assert [line.get_ydata().tolist() for line in edges] == [[-1, -1, -1], [1, 0.5, 0.5]]
+    assert edges[0].get_xdata() == pytest.approx([0, 2.5, 5])
+
+
+def test_the_report_has_each_segments_limits():
+    trial = trials_of(load("ruckig-stop"), one_joint(), [0])[0]
+    found = panel([trial], ["ruckig-stop"], with_motions=True)
+    assert found["segments"]["velocity"].shape == (2, 1, 2)
+    assert found["limits"]["velocity"].tolist() == [[-1, 1]]
+    spans = found["spans"]["velocity"]
+    assert spans == ["± 1 (segment 1), -1 … 0.5 (segment 2) rad/s"]

@@ -76,7 +76,7 @@ def motion(
             lines.insert(0, curve(reference, order))
         column = grid[:, order]
         for joint, axes in enumerate(column):
-            _limits(axes, limits[joint])
+            _limits(axes, limits[..., joint, :], passing)
             for edge in edges.get((order, joint), ()):
                 within = np.clip(edge, limits[joint].min(), limits[joint].max())
                 axes.plot(times_of_edges, within, **_LIMIT)
@@ -133,10 +133,19 @@ def _grid(joints: int, columns: int) -> tuple[Figure, Any]:
     return figure, figure.subplots(joints, columns, squeeze=False, sharex=True)
 
 
-def _limits(axes: Axes, limits: Array) -> None:
-    """Draw the finite ones of the limits `(2,)`, and shade what lies beyond them."""
-    for limit, beyond in zip(limits, BEYOND, strict=True):
-        if np.isfinite(limit):
+def _limits(axes: Axes, limits: Array, passing: Array) -> None:
+    """Draw the finite ones of the limits, and shade what lies beyond them.
+
+    Limits are `(2,)`, or `(segments, 2)` from waypoint to waypoint.
+    """
+    for limit, beyond in zip(limits.T, BEYOND, strict=True):
+        if limit.ndim:
+            edge = np.where(np.isfinite(limit), limit, np.nan)
+            edge = np.append(edge, edge[-1])
+            axes.plot(passing, edge, drawstyle="steps-post", **_LIMIT)
+            shade: Look = {"step": "post", "color": "0.93", "lw": 0, "zorder": 0}
+            axes.fill_between(passing, edge, edge + beyond, **shade)
+        elif np.isfinite(limit):
             axes.axhline(limit, **_LIMIT)
             axes.axhspan(limit, limit + beyond, color="0.93", lw=0, zorder=0)
 
@@ -144,8 +153,8 @@ def _limits(axes: Axes, limits: Array) -> None:
 def _fit(axes: Axes) -> None:
     """Let the value axis show every line, with a margin, and nothing beyond."""
     values = np.concatenate([line.get_ydata() for line in axes.lines])
-    low = float(values.min())
-    high = float(values.max())
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
     changes = high - low > CONSTANT_RTOL * max(1.0, abs(high))
     margin = CONSTANT_MARGIN
     if changes:

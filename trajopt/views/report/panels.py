@@ -34,6 +34,9 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
     runs = {label: own for label, own in histories_by_label.items() if label in searching}
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
     orders = range(len(quantities))
+    widest = problem.limits.in_all_segments(tightest=False)
+    own = {name: getattr(problem.limits, name) for name in quantities}
+    by_segment = {name: pairs for name, pairs in own.items() if pairs.ndim == 3}
     motions = []
     if with_motions:
         medians = {label: median_run(own) for label, own in by_label(trials).items()}
@@ -45,7 +48,15 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
         "waypoints": problem.waypoints,
         "quantities": [(name, problem.shared_unit(n)) for n, name in enumerate(quantities)],
         "units": [[problem.unit(joint, n) for n in orders] for joint in range(problem.joints)],
-        "limits": {name: getattr(problem.limits, name) for name in quantities},
+        "limits": {name: getattr(widest, name) for name in quantities},
+        "segments": by_segment,
+        "spans": {
+            name: [
+                problem.limits.kinds[name].of_joint(joint, problem)
+                for joint in range(problem.joints)
+            ]
+            for name in by_segment
+        },
         "others": [
             (own.name(), [own.of_joint(joint, problem) for joint in range(problem.joints)])
             for own in _without_a_quantity(problem)

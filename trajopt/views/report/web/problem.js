@@ -52,7 +52,11 @@ const motionsOf = (found, joint) => {
     const suffix = row ? String(row + 1) : "", span = 1 / found.quantities.length;
     layout[`yaxis${suffix}`] = axis(`${name}<br>(${found.units[joint][row]})`, { domain: [1 - (row + 1) * span + 0.025, 1 - row * span], nticks: 6 });
     for (const motion of found.motions) traces.push({ ...look(motion.planner, { width: 1.6 }), x: motion.t, y: motion.values[row][joint], mode: "lines", xaxis: "x", yaxis: `y${suffix}`, customdata: motion.t.map(() => motion.trial) });
-    for (const limit of found.limits[name][joint]) if (limit !== null) shapes.push(reference({ xref: "paper", x0: 0, x1: 1, yref: `y${suffix}`, y0: limit, y1: limit }));
+    if (found.segments[name]) {  // from waypoint to waypoint of each motion
+      for (const motion of found.motions) found.segments[name].forEach((pairs, k) => {
+        for (const limit of pairs[joint]) if (limit !== null) shapes.push(reference({ x0: motion.passed[k], x1: motion.passed[k + 1], xref: "x", yref: `y${suffix}`, y0: limit, y1: limit }));
+      });
+    } else for (const limit of found.limits[name][joint]) if (limit !== null) shapes.push(reference({ xref: "paper", x0: 0, x1: 1, yref: `y${suffix}`, y0: limit, y1: limit }));
   });
   const numbers = new Map();  // the waypoints, counted from 1, at each coordinate
   found.waypoints.forEach((w, n) => numbers.set(w[joint], [...(numbers.get(w[joint]) ?? []), n + 1]));
@@ -83,9 +87,13 @@ const drawUse = (chart, note, found, motion) => {
   for (let joint = 0; joint < found.joints; joint += 1) {
     found.quantities.forEach(([name], order) => {
       const [low, high] = found.limits[name][joint], values = motion.values[order][joint];
+      const own = (i) => found.segments[name][Math.max(motion.passed.findLastIndex((t) => t <= motion.t[i]), 0)] ?? found.segments[name].at(-1);
       if (order === 0 || low === null || high === null || !values.some((v) => v)) return;
       names.push(`joint ${joint + 1} ${name.slice(0, 3)}${name.length > 4 ? "." : "k"}`);
-      use.push(values.map((v) => Math.min(1, Math.max(v / high, v / low))));
+      use.push(values.map((v, i) => {
+        const [least, most] = found.segments[name] ? own(i)[joint] : [low, high];
+        return Math.min(1, Math.max(v / (most ?? Infinity), v / (least ?? -Infinity)));
+      }));
     });
   }
   for (const [name, values] of motion.uses) names.push(name), use.push(values.map((v) => Math.min(1, v)));
@@ -107,7 +115,7 @@ const limitTable = (found) => {
     const row = make("tr"), value = (v) => (v === null ? "none" : signed(v, 3));
     row.append(make("td", String(j + 1)), ...limited.map(([name]) => {
       const [low, high] = found.limits[name][j];
-      const text = low === null && high === null ? "none" : low === -high ? `± ${value(high)}` : `${value(low)} to ${value(high)}`;
+      const text = found.spans[name] ? found.spans[name][j] : low === null && high === null ? "none" : low === -high ? `± ${value(high)}` : `${value(low)} to ${value(high)}`;
       return make("td", text, { class: "n" });
     }), ...found.others.map(([, cells]) => make("td", cells[j], { class: "n" })));
     table.tBodies[0].append(row);
