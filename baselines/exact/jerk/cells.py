@@ -32,11 +32,13 @@ from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
 # Rows of the reach of a cell, where the extreme profiles are of both kinds; after them those of
-# acceleration and of velocity at a cell's end, then one of the least time.
+# acceleration and of velocity at a cell's end, then one of the least time; where limits differ from
+# segment to segment the last ones are of velocity at a cell's start.
 REACH = 4
 SLOWER = slice(REACH, REACH + 2)
 FASTER = slice(REACH + 2, REACH + 4)
 LEAST = REACH + 4
+EARLY = slice(-2, None)
 # A segment's end is seen backwards, where acceleration changes its sign.
 FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 # A residual of a link up to this, relative to its velocities, is rounding.
@@ -99,6 +101,13 @@ class JerkTables:
         self.down = sides(r1, r2)
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None]
+        self.by_segment = scaled.by_segment
+        # which cells start at a waypoint with a state
+        self.starts = np.ones((1, 1, len(scaled.h), 1), dtype=bool)
+        self.starts[:, :, 0] = scaled.closed
+        if self.by_segment:
+            low, high = scaled.waypoint_a
+            self.widest[:, 0, : len(high)] = high, -low
         self.closed = scaled.closed
         # where the motion's last state is given, the rows of that waypoint say nothing
         self.given = bool(np.any(scaled.end_v) or np.any(scaled.end_a))
@@ -117,7 +126,9 @@ class JerkInequalities:
     Attributes:
         values: of all: the reach, what the limits of acceleration leave at a cell's end, and what
             those of velocity leave after the ramp that ends this acceleration, both sides of each,
-            `(rows, 1, starts, segments, joints)`.
+            `(rows, 1, starts, segments, joints)`. Where limits differ from segment to segment, the
+            ramp is in the cell that it passes: backwards in the one before a waypoint, forwards in
+            the one after it.
         reach: what the extreme displacements leave, in units of the cell's time squared,
             `(sides, starts, segments, joints)`.
         t: the segment times, `(starts, segments, 1)`.
@@ -147,17 +158,22 @@ class JerkInequalities:
         )
         reach = profiles.value
         # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
-        _, acceleration = waypoints
-        _, velocity = at_ends(point.velocity, cells.scaled.end_v, cells.closed)
+        started, acceleration = waypoints
+        early, velocity = at_ends(point.velocity, cells.scaled.end_v, cells.closed)
         signs = cells.signs[:2]
         slower = cells.widest - signs * acceleration
-        faster = signs * velocity + cells.falling * acceleration**2 / 2
+        ramped = _sided(acceleration, -signs) if cells.by_segment else acceleration
+        faster = signs * velocity + cells.falling * ramped**2 / 2
         tables = [reach, slower, cells.fastest - faster]
         if cells.given:
             for table in tables[1:]:
                 table[..., -1, :] = 1.0
         if cells.least is not None:
             tables.append(_longer(times, cells.least, velocity.shape))
+        if cells.by_segment:
+            self.ramping = _sided(started, signs)
+            faster = signs * early + cells.falling * self.ramping**2 / 2
+            tables.append(np.where(cells.starts, cells.fastest - faster, 1.0))
         values = np.concatenate(tables)[:, None]
 
         self.cells = cells
@@ -168,6 +184,7 @@ class JerkInequalities:
         self.steep = steep
         self.profiles = profiles
         self.reach = reach
+        self.ramped = ramped
         self.values = values
         self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, 0, 0].size
 
@@ -200,20 +217,23 @@ class JerkInequalities:
         second *= seen
         signs = self.cells.signs[:2]
         own = self.t * signs
-        _, ends = self.point.ends
-        scaled = self.cells.scaled
-        _, acceleration = at_ends(self.point.acceleration, scaled.end_a, scaled.closed)
+        starts, ends = self.point.ends
         first = np.zeros((5, len(self.values), *self.mean.shape))
         first[:, :REACH] = reach * seen
         first[ACCELERATIONS[1], SLOWER] = -signs
         # dv = T dx − (h/T − T x) ds
         first[TIME, FASTER] = own * (self.steep - ends)
         first[VELOCITIES[1], FASTER] = -own
-        first[ACCELERATIONS[1], FASTER] = -self.cells.falling * acceleration
+        first[ACCELERATIONS[1], FASTER] = -self.cells.falling * self.ramped
         if self.cells.given:
             first[:, REACH:LEAST, ..., -1, :] = 0.0
         if self.cells.least is not None:
             first[TIME, LEAST, ..., 0] = self.cells.least > 0
+        if self.cells.by_segment:
+            first[TIME, EARLY] = own * (self.steep - starts)
+            first[VELOCITIES[0], EARLY] = -own
+            first[ACCELERATIONS[0], EARLY] = -self.cells.falling * self.ramping
+            first[:, EARLY] *= self.cells.starts
         return Slopes(first, second)
 
     @cached_property
@@ -251,14 +271,21 @@ class JerkLinearisation:
         w = weights[:, 0]
         matrix = np.einsum("ir...,jr...->ij...", w * first, first)
         matrix -= (z[:REACH] * second).sum(axis=2)
-        a = ACCELERATIONS[1]
-        matrix[a, a] += (z[FASTER] * cells.falling).sum(axis=0)
+        before, after = ACCELERATIONS
+        bend = z[FASTER] * cells.falling
+        matrix[after, after] += (bend * (rows.ramped != 0) if cells.by_segment else bend).sum(
+            axis=0
+        )
         pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
         # v follows 1/T and the briefer segment's end: that end feels what presses on v elsewhere
         own = pull[list(VELOCITIES)] / rows.t
         pressed = own.copy()
         by_limits = z[FASTER] * cells.signs[:2]
         pressed[1] -= by_limits.sum(axis=0)
+        if cells.by_segment:
+            early = z[EARLY] * cells.starts
+            matrix[before, before] += (early * cells.falling * (rows.ramping != 0)).sum(axis=0)
+            pressed[0] -= (early * cells.signs[:2]).sum(axis=0)
         whole = pressed + beside_it(pressed, cells.closed)
         bent = rows.t * (own - np.where(owners(rows.times, cells.closed), whole, 0.0))
         twice = 2 * bent * ends
@@ -278,6 +305,8 @@ class JerkLinearisation:
         self.missed[FASTER] = rows.t * cells.signs[:2] * rows.missing[1]
         if cells.given:
             self.missed[FASTER, ..., -1, :] = 0.0
+        if cells.by_segment:
+            self.missed[EARLY] = rows.t * cells.signs[:2] * rows.missing[0] * cells.starts
         self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1), cells.closed)
 
     def slope(self, multipliers: Array) -> Array:
@@ -312,6 +341,10 @@ class JerkLinearisation:
         table[FASTER] = -rows.cells.falling * after**2 / 2
         if rows.cells.least is not None:
             table[LEAST] = rows.slopes.first[TIME, LEAST] * log**2 / 2
+        if rows.cells.by_segment:
+            table[FASTER] *= rows.ramped != 0
+            bending = rows.cells.starts * (rows.ramping != 0)
+            table[EARLY] = -rows.cells.falling * before**2 / 2 * bending
         return table[:, None]
 
     def _gradient(self, multipliers: Array) -> Array:
@@ -319,6 +352,11 @@ class JerkLinearisation:
         pressed = multipliers[:, 0] - self.weights * self.missed
         gradient = (pressed * self.rows.slopes.first).sum(axis=1)
         return gradient.transpose(1, 2, 3, 0)
+
+
+def _sided(acceleration: Array, signs: Array) -> Array:
+    """Accelerations of these signs, 0 for the others: of both sides."""
+    return np.where(signs * acceleration > 0, acceleration, 0.0)
 
 
 def _longer(times: Array, least: Array, shape: tuple[int, ...]) -> Array:

@@ -57,16 +57,19 @@ class ExactJerk(SeveralStarts):
 
     A jerk limit on one side only is unsupported. Acceleration could then jump the other way, and
     the optimum wants that. But where jerk is limited at all acceleration has to be continuous:
-    steeper and steeper ramps approach the optimum, and none reaches it.
+    steeper and steeper ramps approach the optimum, and none reaches it. So is a jerk limit of a
+    joint in some segments only.
     """
 
     starts: int = 4
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", "jerk", *END_STATES, *DEMANDS_KNOWN)
+    knows = ("velocity", "acceleration", "jerk", "segment", *END_STATES, *DEMANDS_KNOWN)
     seconds = (3e-4, 2e-8)
 
     def unsupported(self, problem: Problem) -> str | None:
+        if self.solver == "ipopt" and problem.limits.segments is not None:
+            return "its program for IPOPT has the same limits in all segments"
         return one_sided.unsupported(problem) or without_ipopt(self.solver, problem)
 
     @reduced(SIMPLEST)

@@ -1,4 +1,4 @@
-"""`exact` where limits differ from segment to segment."""
+"""`exact` and `exact-jerk` where limits differ from segment to segment."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration.planner import Exact
+from baselines.exact.jerk.planner import ExactJerk
 from trajopt import Limits, Problem, verify
 
 
@@ -120,3 +121,50 @@ def test_equal_waypoints_take_no_limits_along():
     velocity = [[[-10, 10]], [[-0.01, 0.01]], [[-1, 1]]]
     repeated = Problem([[0.0], [1.0], [1.0], [2.0]], Limits(velocity, [2.0]))
     assert duration(repeated) == pytest.approx(duration(straight([(10, 2), (1, 2)])), rel=1e-12)
+
+
+def with_jerk(problem, rng):
+    """The problem with jerk limits of each segment's own."""
+    limits = problem.limits
+    sizes = np.abs(limits.acceleration[..., 1]) * rng.uniform(4, 30, limits.acceleration.shape[:2])
+    jerk = [-1, 1] * sizes[..., None]
+    return Problem(problem.waypoints, Limits(limits.velocity, limits.acceleration, jerk))
+
+
+def jerky(problem):
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
+    return trajectory.duration
+
+
+def test_it_may_speed_up_at_a_waypoint_where_the_next_segment_is_faster():
+    # by IPOPT, every joint in its own pieces of constant jerk
+    waypoints = [[0.0, 0.0], [-0.165515, 0.430499], [-1.399317, -0.233564]]
+    velocity = [[1.785856, 0.661487], [1.43778, 1.903306]]
+    acceleration = [[3.524495, 4.318808], [3.567837, 3.895471]]
+    jerk = [[40.587806, 50.482977], [36.842299, 77.992409]]
+    sizes = (np.array(own)[..., None] for own in (velocity, acceleration, jerk))
+    problem = Problem(waypoints, Limits(*([-1, 1] * own for own in sizes)))
+    assert jerky(problem) == pytest.approx(1.879713740, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jerk_limits_of_segments_lie_between_the_tightest_and_the_widest(seed):
+    rng = np.random.default_rng([52, seed])
+    problem = with_jerk(random_problem(rng), rng)
+    own = jerky(problem)
+    for key in ("velocity", "jerk"):
+        wider = problem.limits.widened(key, 0, 0.2, 0)
+        assert jerky(Problem(problem.waypoints, wider)) <= own * (1 + 1e-9)
+    tightest = Problem(problem.waypoints, problem.limits.in_all_segments())
+    widest = Problem(problem.waypoints, problem.limits.in_all_segments(tightest=False))
+    assert jerky(widest) <= own * (1 + 1e-9) <= jerky(tightest) * (1 + 2e-9)
+    assert own >= duration(problem.without("jerk")) * (1 - 1e-9)
+
+
+def test_a_jerk_limit_in_some_segments_only_has_no_optimum():
+    jerk = [[[-9, 9]], [[-np.inf, np.inf]]]
+    problem = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [2.0], jerk))
+    assert "in some segments only" in ExactJerk().unsupported(problem)
+    everywhere = Problem(problem.waypoints, Limits([[[-1, 1]], [[-2, 2]]], [2.0], [9.0]))
+    assert "the same limits" in ExactJerk(solver="ipopt").unsupported(everywhere)

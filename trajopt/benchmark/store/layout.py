@@ -47,7 +47,8 @@ PROBLEM_NAMES = {
     "waypoints": "positions to pass in order, from rest to rest unless a demand says otherwise, "
     "(waypoints, joints)",
     **{key: f"if asked: {demand.meaning}" for key, demand in DEMANDS.items()},
-    "limits/<kind>": "lowest and highest value of each joint, (joints, 2); infinite: no limit",
+    "limits/<kind>": "lowest and highest value of each joint, (joints, 2); infinite: no limit; "
+    "(segments, joints, 2) where segments differ",
 }
 RUN_NAMES = {
     "trajectory": "motion as claimed; the certified one is this one, repaired where it missed "
