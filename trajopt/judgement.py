@@ -278,8 +278,15 @@ def motion_of(
 
 
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """The motion with the times at which it passes the problem's waypoints."""
-    times = waypoint_times(trajectory, problem.waypoints)
+    """The motion with the times at which it passes waypoints: given ones, or the nearest."""
+    demand = problem.route.demand
+    times = waypoint_times(trajectory, problem.waypoints, demand("tolerance"))
+    waits = demand("dwell")
+    given = np.append(0.0, np.cumsum(demand("given_times") + waits[:-1]))
+    given[-1] += waits[-1]
+    if "given_times" in problem.demands and np.isclose(given[-1], times[-1], rtol=1e-9, atol=0):
+        times = given
+        times[-1] = trajectory.duration
     return replace(trajectory, waypoint_times=times)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
+import numpy as np
+
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial
 from trajopt.best_planner import Best
@@ -63,7 +65,7 @@ def _saving(found: Best, duration: float) -> str:
 
 def _quality(found: Best, duration: float) -> str:
     """Describe the answer's distance from the optimum, and the proof of it."""
-    proved_within = duration / found.proved - 1
+    proved_within = duration / found.proved - 1 if found.proved else np.inf
     if proved_within < OPTIMUM_RTOL:
         percent = 100 * proved_within
         within = f" within {percent:.2g} %" if percent > ROUNDING_PERCENT else ""

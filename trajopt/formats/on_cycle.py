@@ -14,10 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.core import dwell
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import FallingVelocity, LimitName
@@ -25,6 +27,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.samples import Samples
 from trajopt.judging.joint_program import JointProgram
+from trajopt.judging.passing import within_tolerance
 
 Indices = NDArray[np.int_]
 
@@ -95,6 +98,9 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
     Raises:
         InvalidInput: The cycle is too long for the motion.
     """
+    problem = within_tolerance(problem, trajectory)
+    if "dwell" in problem.demands:
+        return _with_waits(problem, trajectory, cycle)
     merged, index = problem.merged()
     _, first = np.unique(index, return_index=True)
     search = _CycleSearch(
@@ -114,6 +120,31 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
         right = f"a shorter one: a motion of {trajectory.duration:.4g} s has too few of these"
         raise InvalidInput("--cycle", right, value=cycle)
     return replace(found, waypoints=found.waypoints[index])
+
+
+def _with_waits(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
+    """The motion part by part, with waits of whole cycles between them."""
+    waits = np.ceil(problem.route.demand("dwell") / cycle - SAME_CYCLE).astype(int)
+    cut = dwell.cut(problem, trajectory) or []
+    found: list[OnCycle] = []
+    for own, part in zip(dwell.parts(problem), cut, strict=True):
+        found.append(moved(own, part.motion, cycle))
+    breaks = [np.zeros(1, dtype=int)]
+    waypoints = [np.zeros(1, dtype=int)]
+    states = [found[0].states[:, :1]]
+    elapsed = int(waits[0])
+    for (_, last), motion in zip(pairwise(dwell.ends(problem)), found, strict=True):
+        breaks.append(elapsed + motion.breaks)
+        states.append(motion.states)
+        waypoints.append(elapsed + motion.waypoints[1:])
+        elapsed += int(motion.breaks[-1]) + int(waits[last])
+    breaks.append(np.array([elapsed]))
+    states.append(found[-1].states[:, -1:])
+    waypoints[-1][-1] = elapsed
+    together, first = np.unique(np.concatenate(breaks), return_index=True)
+    return OnCycle(
+        cycle, together, np.concatenate(waypoints), np.concatenate(states, axis=1)[:, first]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +215,7 @@ class _CycleSearch:
                 positions=self.problem.waypoints[:, joint],
                 limits=self.problem.limits.only([joint]),
                 planned=planned[:, joint],
-                ends=self.problem.route.ends(joint, self.order - 1),
+                ends=self._ends(stretched, joint),
                 course=course[:, joint],
             )
             states = program.solved()
@@ -192,6 +223,13 @@ class _CycleSearch:
                 return None
             joints.append(states)
         return OnCycle(self.cycle, breaks, waypoints, np.stack(joints, axis=-1))
+
+    def _ends(self, motion: Trajectory, joint: int) -> Array:
+        """A joint's velocity (and acceleration) at both ends; a closed motion's are its own."""
+        if "closed" not in self.problem.demands:
+            return self.problem.route.ends(joint, self.order - 1)
+        own = [motion(motion.duration, order)[joint] for order in range(1, self.order)]
+        return np.array([own, own])
 
     def _waypoints(self, cycles: int) -> Indices:
         """The nearest whole cycle of each waypoint, each later than the one before.
@@ -202,7 +240,9 @@ class _CycleSearch:
         found = np.rint(shares * cycles).astype(int)
         distances = np.abs(self.problem.displacements).max(axis=1)
         apart = distances > SAME_PLACE_RTOL * distances.max()
-        for segment, step in enumerate(apart.astype(int)):
+        least = self.problem.route.demand("least_times") / self.cycle
+        steps = np.maximum(apart, np.ceil(least - SAME_CYCLE)).astype(int)
+        for segment, step in enumerate(steps):
             earliest = found[segment] + step
             found[segment + 1] = max(found[segment + 1], earliest)
         return found

@@ -8,6 +8,8 @@ on its way to another one, is therefore timed correctly.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trajopt.core import polynomials
@@ -48,22 +50,57 @@ def misses(problem: Problem, trajectory: Trajectory) -> Array:
     return np.asarray(np.abs(missed).max(axis=1))
 
 
-def waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
+def within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
+    """The problem through points of the boxes around its waypoints: where the motion passes.
+
+    What is outside a box is to be at its nearest point. The problem itself without a tolerance.
+    """
+    if "tolerance" not in problem.demands:
+        return problem
+    passed = trajectory(trajectory.waypoint_times)
+    r = problem.demands["tolerance"]
+    low, high = problem.limits.position.T
+    inside = np.clip(passed, problem.waypoints - r, problem.waypoints + r)
+    moved = np.where(r > 0, np.clip(inside, low, high), problem.waypoints)
+    return replace(problem.without("tolerance"), waypoints=moved)
+
+
+def waypoint_times(
+    trajectory: Trajectory, waypoints: Array, tolerance: Array | float = 0.0
+) -> Array:
     """When the motion passes each waypoint, s, `(waypoints,)`; the first at 0, the last at its end.
 
     Args:
         trajectory: of as many joints as the waypoints.
         waypoints: rad, `(waypoints, joints)`. Closest is meant in joint space, over all joints.
+        tolerance: of each waypoint and joint, rad: within it a waypoint is passed.
     """
+    r = np.broadcast_to(tolerance, waypoints.shape)
     with np.errstate(over="ignore", invalid="ignore"):  # an infinite distance is far away
         candidates = [trajectory.breaks]
-        for waypoint in waypoints[1:-1]:
+        for waypoint, own in zip(waypoints[1:-1], r[1:-1], strict=True):
             candidates.append(_minima(trajectory, waypoint))
+            if own.any():
+                candidates.append(_crossings(trajectory, waypoint, own))
         together = np.concatenate(candidates)
         times = np.unique(together)
-        misses = [_miss(trajectory, waypoint, times) for waypoint in waypoints]
+        misses = [_miss(trajectory, *own, times) for own in zip(waypoints, r, strict=True)]
         chosen = _in_order(np.array(misses))
         return _at_breaks(trajectory, waypoints, times[chosen])
+
+
+def _crossings(trajectory: Trajectory, waypoint: Array, tolerance: Array) -> Array:
+    """When joints cross the sides of the box around a waypoint, and between these times, s."""
+    found = [trajectory.breaks[[0, -1]]]
+    for side in (waypoint - tolerance, waypoint + tolerance):
+        away = np.array(trajectory.pieces())
+        away[-1] -= side
+        shares = polynomials.unit_roots(away.reshape(len(away), -1))
+        row, number = np.nonzero(np.isfinite(shares))
+        piece = number // trajectory.joints
+        found.append(trajectory.breaks[piece] + shares[row, number] * trajectory.lengths[piece])
+    times = np.unique(np.concatenate(found))
+    return np.concatenate([times, (times[:-1] + times[1:]) / 2])
 
 
 def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
@@ -86,6 +123,7 @@ def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
 
     Roots of the squared distance alone round too much.
     """
+    exact = np.zeros_like(waypoint)
     for _ in range(NEWTON_STEPS):
         away = trajectory(times) - waypoint
         velocity = trajectory(times, 1)
@@ -94,15 +132,15 @@ def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
         speed[speed == 0] = np.inf  # no step where the robot stands
         step = along / speed
         moved = np.clip(times - step, 0.0, trajectory.duration)
-        before = _miss(trajectory, waypoint, times)
-        after = _miss(trajectory, waypoint, moved)
+        before = _miss(trajectory, waypoint, exact, times)
+        after = _miss(trajectory, waypoint, exact, moved)
         times = np.where(after < before, moved, times)
     return times
 
 
-def _miss(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
-    """Distance from the waypoint over all joints, rad."""
-    away = trajectory(times) - waypoint
+def _miss(trajectory: Trajectory, waypoint: Array, tolerance: Array, times: Array) -> Array:
+    """Distance from the waypoint over all joints, beyond what each may miss it by, rad."""
+    away = np.maximum(np.abs(trajectory(times) - waypoint) - tolerance, 0.0)
     distance = np.linalg.norm(away, axis=1)
     return np.nan_to_num(distance, nan=np.inf)
 

@@ -186,6 +186,8 @@ def _jump(problem: Problem, trajectory: Trajectory, order: int) -> Jump | None:
         still = np.stack([starts[0], stops[-1]])
     else:
         still = np.stack([route.start[order - 1], route.end[order - 1]])
+        if "closed" in route.demands:  # it goes on as it began
+            still = np.stack([stops[-1], starts[0]])
         known = problem.limits.in_all_segments()
         limit = np.abs((known.velocity, known.acceleration)[order - 1]).min(axis=1)
         scale = limit * (np.abs(polynomials.bernstein(pieces)).max(axis=(0, 1)) / limit).max()

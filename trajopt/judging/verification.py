@@ -21,6 +21,7 @@ from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.limits.limit import where
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
+from trajopt.judging.passing import within_tolerance
 from trajopt.judging.repair import repaired
 
 _JUDGED = (*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance")
@@ -261,8 +262,7 @@ def _judged(
     Where the route cannot be dilated it is the motion that has the certified duration. Flaws name
     times since `begins`, s, before the trajectory's start.
     """
-    if "tolerance" in problem.demands:
-        problem = _within_tolerance(problem, trajectory)
+    problem = within_tolerance(problem, trajectory)
     if at_rest and "dwell" in problem.demands:
         return _judged_in_parts(problem, trajectory, tolerance, unjudged)
     allowed = _allowed(problem, trajectory.duration, tolerance)
@@ -368,19 +368,6 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
         f"{where(use, problem)}: {KINDS[key].name()} {KINDS[key].amount(use, problem)}, and no "
         f"slower motion keeps the {' and '.join(ends)} velocity"
     )
-
-
-def _within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
-    """The problem through points of the boxes around its waypoints: where the motion passes.
-
-    What is outside a box is to be at its nearest point.
-    """
-    passed = trajectory(trajectory.waypoint_times)
-    r = problem.demands["tolerance"]
-    low, high = problem.limits.position.T
-    inside = np.clip(passed, problem.waypoints - r, problem.waypoints + r)
-    moved = np.where(r > 0, np.clip(inside, low, high), problem.waypoints)
-    return replace(problem.without("tolerance"), waypoints=moved)
 
 
 def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> list[str]:

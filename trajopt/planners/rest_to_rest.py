@@ -37,7 +37,7 @@ def end_to_end_bound(problem: Problem) -> float:
     (the optimum itself where there are two waypoints and jerk limits are symmetric), if the motion
     is from rest to rest; and every segment at full velocity, or in its least or given time. Waits
     are added. Position limits are lifted, and waypoints that rounding may miss are left out. Within
-    tolerance segments may take no time.
+    tolerance a segment is as short as it may be.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
     way = problem.waypoints[-1] - problem.waypoints[0]
@@ -51,10 +51,10 @@ def end_to_end_bound(problem: Problem) -> float:
     h = passed.displacements
     backward, forward = _sides(passed.limits.velocity)
     top = np.where(h >= 0, forward, -backward)
-    cruising = np.abs(h) / top
+    r = route.demand("tolerance")
+    cruising = np.maximum(np.abs(h) - r[:-1] - r[1:], 0.0) / top
     least = route.demand("least_times") + route.demand("given_times")
-    slowest = cruising.max(axis=1) if "tolerance" not in route.demands else 0.0
-    longest = np.maximum(slowest, least)
+    longest = np.maximum(cruising.max(axis=1), least)
     bound = max(straight.max(), longest.sum()) + route.demand("dwell").sum()
     return float(bound) * (1 - _ROUNDING_RTOL)
 

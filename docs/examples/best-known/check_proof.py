@@ -168,7 +168,7 @@ if not others:
     kept = exact(points, changes)
     points = [points[k] for k in kept]
     rows = [[own[k - 1] for k in kept[1:]] for own in rows]
-elif any(map(any, room)):  # leave out waypoints whose boxes overlap the one before, or the last
+elif proof and any(map(any, room)):  # leave out waypoints whose boxes overlap
     kept = apart(points, room, waits)
     points, room = ([table[k] for k in kept] for table in (points, room))
     rows = [[own[k - 1] for k in kept[1:]] for own in rows]

@@ -1,0 +1,49 @@
+"""What a file asks of the way, through the commands: planned, written, read again, judged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from trajopt.cli import main
+
+TEXT = """
+waypoints = [[0.0, 0.0], [1.0, 0.5], [2.0, 0.0], [1.1, -0.73], [0.0, 0.0]]
+{demand}
+units = {{ waypoints = "rad", limits = "rad" }}
+[limits]
+velocity = [2, 2]
+acceleration = [4, 3]
+"""
+
+
+@pytest.mark.parametrize(
+    "demand",
+    [
+        "tolerance = [0.05, 0.02]",
+        "closed = true",
+        "dwell = [0, 0.3, 0, 0, 0.1]",
+        "least_times = [0, 1.50033, 0, 0]",
+        "given_times = [1.2, 1.2, 1.2, 1.2]",
+    ],
+)
+def test_a_motion_is_planned_written_read_and_judged(demand, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    def run(line):
+        with pytest.raises(SystemExit) as ended:
+            main(line.split())
+        return ended.value.code, *capsys.readouterr()
+
+    Path("asked.toml").write_text(TEXT.format(demand=demand), encoding="utf-8")
+    code, out, _ = run("plan asked.toml --out motion.csv")
+    assert code == 0
+    assert "it keeps every limit" in " ".join(out.split())
+    code, out, _ = run("judge motion.csv asked.toml --json")
+    assert code == 0
+    judged = json.loads(out)
+    assert judged["feasible"]
+    if demand.startswith("given"):
+        assert judged["waypoint_times"] == pytest.approx([0, 1.2, 2.4, 3.6, 4.8], rel=1e-9)
