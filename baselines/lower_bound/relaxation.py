@@ -101,7 +101,7 @@ class Relaxation:
     def __init__(
         self, problem: Problem, cutoff: float, time_unit: float, length_units: Array
     ) -> None:
-        moving = problem.moving
+        moving = problem.moving  # a joint may rest once waypoints of tiny steps are left out
         limits = problem.limits
         waypoints = problem.waypoints[:, moving]
         lengths = np.asarray(length_units, dtype=float)

@@ -41,7 +41,7 @@ class Scaled:
 
     def __init__(self, problem: Problem, jerk: bool = True) -> None:
         known = problem.without("position") if jerk else problem.without("jerk", "position")
-        moving = problem.moving
+        moving = problem.moving  # a joint may rest once waypoints of tiny steps are left out
         limits = known.limits
         rows = limits.segments or 1
         velocity = _by_side(limits.velocity, moving, rows)
