@@ -1,4 +1,4 @@
-"""Newton steps of a chain of cells, whatever happens inside a cell.
+"""Newton steps of a chain of cells, for any model of a single cell.
 
 A cell is one segment of one joint. It depends on `y = (s, x, a, x', a')`: the logarithm of its
 segment's time, and velocity and acceleration at its two ends (without a jerk limit there is no
@@ -8,13 +8,13 @@ to the waypoint's velocity `v`:
     h/T + T x = v.                                                                            (1)
 
 Neighbouring cells share a waypoint, and the joints of a segment share its time. So the matrix of a
-Newton step is a band, LAPACK's Cholesky factors it, and the work grows in proportion to the
-segments.
+Newton step is a band. LAPACK's Cholesky factorisation takes it, in a time proportional to the
+number of segments.
 
-Of the two cells at a waypoint the one with the briefer segment owns the unknown: its `x` stands for
-the velocity, `dv = T dx + (T x − h/T) ds`. A velocity change that is negligible for the long
-segment is many times what the brief one can reach. In one sum of squares rounding would lose the
-smaller of both.
+The two cells at a waypoint have one velocity, which is one unknown. The cell of the shorter
+segment provides it: its `x` is the unknown, with `dv = T dx + (T x − h/T) ds`. A change of velocity
+that is negligible in a long segment may be large in a short one. If the long segment's `x` were the
+unknown, the entries of the short one would be lost in rounding.
 
 At given times the program is convex. So where the matrix is not positive definite, entries of the
 times alone are increased.
@@ -29,17 +29,18 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools, Indices
 
-# Added to the diagonal entries of the times, in units of each time: at first, the factor between
-# two trials, and at most.
+# Added to the diagonal entries of the times, in units of each time, where the matrix is not
+# positive definite: the first value, the factor between two trials, the largest value.
 START_CONVEXITY = 1e-2
 CONVEXITY_FACTOR = 8.0
 MAX_CONVEXITY = 1e14
-# The diagonal grows by this share of that: with brief segments rounding alone makes it indefinite.
+# The whole diagonal grows by this share of that value. Beside segments of 1e-7 s rounding alone can
+# make the matrix indefinite.
 ROUNDING_RTOL = 1e-18
 
 
 def at_ends(velocity: Array, outer: Array | None = None, closed: bool = False) -> Array:
-    """Waypoint velocities at both ends of each segment, `(2, starts, segments, joints)`.
+    """Return waypoint velocities at both ends of each segment, `(2, starts, segments, joints)`.
 
     Args:
         velocity: at the inner waypoints, `(starts, segments - 1, joints)`; of a closed motion at
@@ -62,9 +63,9 @@ def at_ends(velocity: Array, outer: Array | None = None, closed: bool = False) -
 
 
 def with_outer(inner: Array, outer: Array, closed: bool = False) -> Array:
-    """Values at the inner waypoints, between those at the ends, `(segments + 1, joints)`.
+    """Return values at all waypoints, `(segments + 1, joints)`, from inner and outer ones.
 
-    Those of a closed motion are of all waypoints but the first, which has the last one's.
+    Of a closed motion `inner` has all waypoints but the first, which has the value of the last.
     """
     if closed:
         return np.concatenate([inner[-1:], inner])
@@ -80,7 +81,7 @@ class Links(NamedTuple):
 
     Attributes:
         slope: change of `x` with `s` at a given waypoint velocity.
-        missing: what `x` misses of its link.
+        missing: residual of the link, in units of `x`.
     """
 
     slope: Array
@@ -123,7 +124,7 @@ class _BandLayout(NamedTuple):
 
     @property
     def height(self) -> int:
-        """Diagonals of the band."""
+        """Return the number of diagonals of the band."""
         return 2 * self.width + 1
 
 
@@ -196,9 +197,9 @@ class Chain:
         self.constant = constant
 
     def gradient(self, by_cell: Array) -> Array:
-        """A gradient over the cells' variables, over the unknowns, `(starts, unknowns)`.
+        """Return the gradient by the unknowns from that by the cells' variables.
 
-        The gradient of the duration is subtracted.
+        `(starts, unknowns)`. The gradient of the duration is subtracted.
         """
         layout = self.layout
         by_unknown = np.matmul(by_cell[..., None, :], self.to_unknowns)
@@ -210,16 +211,16 @@ class Chain:
         return gradient
 
     def descent(self, by_cell: Array) -> Array:
-        """The right-hand side of a Newton step: the gradient, with what the links miss."""
+        """Return the right-hand side of a Newton step: the gradient, less the links' residuals."""
         missed = np.matmul(self.matrix, self.constant[..., None])[..., 0]
         return self.gradient(by_cell - missed)
 
     def steepest(self, by_cell: Array) -> Array:
-        """The largest entry of a gradient over times and waypoint velocities, `(starts,)`."""
+        """Return the largest derivative by a time or a waypoint velocity, `(starts,)`."""
         width = self.layout.width
         gradient = np.abs(self.gradient(by_cell))
         over_times = gradient[:, ::width]
-        # dv = T dx in the briefer segment
+        # By the velocity: dv = T dx in the shorter segment.
         following = np.roll(self.times, -1, axis=1) if self.closed else self.times[:, 1:]
         briefer = np.minimum(self.times[:, : following.shape[1]], following)
         after = gradient[:, : briefer.shape[1] * width].reshape(*briefer.shape, width)
@@ -228,14 +229,14 @@ class Chain:
         return np.maximum(over_times.max(axis=1), over_velocities)
 
     def offsets(self, of_unknowns: Array) -> Array:
-        """Entries of what follows the velocity at a waypoint, `(starts, waypoints, joints)`."""
+        """Return the entries after the velocity of each waypoint, `(starts, waypoints, joints)`."""
         starts, size = of_unknowns.shape
         waypoints = size // self.layout.width
         after = of_unknowns[:, : waypoints * self.layout.width].reshape(starts, waypoints, -1)
         return after[..., 2 :: self.orders]
 
     def bands(self) -> Array:
-        """The matrix over the unknowns as a lower band of every start, a row per unknown.
+        """Return the matrix by the unknowns as a lower band, for every start, a row per unknown.
 
         Of a closed motion it is the whole lower triangle.
         """
@@ -256,7 +257,7 @@ class Chain:
         return bands
 
     def step(self, by_cell: Array) -> Solved:
-        """The Newton step to this gradient over the cells' variables."""
+        """Return the Newton step for a gradient by the cells' variables."""
         import scipy  # late: planners that are only listed need none of it
 
         gradient = self.descent(by_cell)
@@ -277,7 +278,7 @@ class Chain:
         return Solved(log, cells, velocity)
 
     def _velocities(self, log: Array, cells: Array) -> Array:
-        """Change of the waypoints' velocities as each end of a cell has it."""
+        """Return the change of waypoint velocities as each cell's ends give it."""
         ends = cells[..., 1 :: self.orders].transpose(3, 0, 1, 2)
         slope, missing = self.links
         changes = ends - slope * log[..., None] - missing
@@ -285,11 +286,11 @@ class Chain:
 
     @cached_property
     def _factors(self) -> list[Array]:
-        """The Cholesky factor of every start's matrix."""
+        """Return the Cholesky factor of every start's matrix."""
         return [self._factor(band, start) for start, band in enumerate(self.bands())]
 
     def _factor(self, band: Array, start: int) -> Array:
-        """The Cholesky factor of a band, the entries of its times increased where needed."""
+        """Return the Cholesky factor of a band; the times' entries grow until it exists."""
         import scipy  # late: planners that are only listed need none of it
 
         diagonal = np.einsum("ii->i", band) if self.closed else band[:, 0]
@@ -307,7 +308,7 @@ class Chain:
 
 
 def owners(times: Array, closed: bool = False) -> Bools:
-    """Which cells own the unknown at each of their ends, `(2 ends, starts, segments, 1)`."""
+    """Return where a cell's end provides the unknown, `(2 ends, starts, segments, 1)`."""
     owned = np.zeros((2, *times.shape, 1), dtype=bool)
     briefer = times[:, :-1] < times[:, 1:]
     owned[1, :, :-1, 0] = briefer
@@ -334,7 +335,7 @@ def beside_it(ends: Array, closed: bool = False) -> Array:
 
 
 def _summed(values: Array, places: Indices, size: int) -> Array:
-    """Sums of the values that share a place, of every start, `(starts, size)`."""
+    """Return the sums of values that share an index, for every start, `(starts, size)`."""
     starts = len(values)
     first = size * np.arange(starts)[:, None]
     sums = np.bincount((first + places).ravel(), values.ravel(), minlength=starts * size)

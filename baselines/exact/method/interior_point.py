@@ -1,9 +1,9 @@
 """A primal-dual interior-point method for the programs of a chain of cells.
 
-Both programs of this folder use it, with and without jerk limits. Slacks and multipliers of all
-inequalities, Newton steps to a falling barrier parameter (Nocedal and Wright, Numerical
+`exact` and `exact-jerk` use it. Every inequality has a slack and a multiplier; each iteration is a
+Newton step to `slack × multiplier = barrier`, and the barrier falls (Nocedal and Wright, Numerical
 Optimization, chapter 19). A general sparse solver takes the same steps at twenty times the cost.
-Several starts take their steps together, each at its own barrier and length.
+Several initial guesses take their steps together, each with its own barrier and step length.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ GAP_RTOL = 1e-12
 GAIN_RTOL = 1e-10
 MISS_TOL = 1e-11
 START_LENGTH = 0.5
-# The gap falls by `(1 - length of the last step) ** FALL_POWER`, at most by the least share.
+# The next gap is `left ** FALL_POWER` times the gap, `left` being 1 minus the last step's length.
 FALL_POWER = 1.5
-MIN_LEFT = 0.02
-# After a step shorter than this the gap rises instead, by `RAISED ** FALL_POWER`.
+MIN_LEFT = 0.02  # least value of `left`
+# After a shorter step than this the gap rises instead: `left` is then `RAISED`.
 STUCK = 0.02
 RAISED = 3.0
-# The barrier waits while the Lagrangian's gradient is larger than both.
+# The barrier stays as it is while the Lagrangian's gradient exceeds both of these: times the gap,
+# and relative to the duration.
 WAIT_PER_GAP = 10.0
 WAIT_RTOL = 1e-1
-# A step goes this share of the way to where a slack or a multiplier vanishes.
+# A step goes at most this share of the way to where a slack or a multiplier vanishes.
 TO_BOUNDARY = 0.99
-# A slack becomes its row's value where that is at least this share of the slack before.
+# A slack is reset to its inequality's value if that is at least this share of the slack before.
 MIN_KEPT_SLACK = 0.005
-# A step is shortened by this factor, at most so many times.
+# A step that cannot be taken is shortened by this factor, at most so many times.
 SHORTER = 0.6
 MAX_SHORTENED = 40
-# Largest ratio between a multiplier and barrier over slack, either way.
+# Largest factor between a multiplier and `barrier / slack`, either way.
 MULTIPLIER_SPREAD = 1e10
 
 # Inequalities are `(kinds, sides, starts, segments, joints)`: all axes but the starts.
@@ -48,10 +49,10 @@ ROW_AXES = (0, 1, 3, 4)
 
 
 def moved(point: Any, step: Any, length: Array) -> Any:
-    """The point so far along a step, `(starts,)`.
+    """Return the point moved along a step by a length each, `(starts,)`.
 
-    Both are named tuples: logarithms of the times, `(starts, segments)`, then tables `(…, starts,
-    segments, joints)`.
+    Point and step are named tuples: logarithms of the times, `(starts, segments)`, then tables
+    `(…, starts, segments, joints)`.
     """
     of_times = length[:, None]
     of_cells = of_times[:, None]
@@ -63,35 +64,35 @@ def moved(point: Any, step: Any, length: Array) -> Any:
 
 
 def chosen(point: Any, some: Bools) -> Any:
-    """The point of some of the starts."""
+    """Return the point of some of the starts."""
     times, *cells = point
     return point._make([times[some], *(table[..., some, :, :] for table in cells)])
 
 
 class Linearisation(Protocol):
-    """A program near a point, for a Newton step."""
+    """The linear model of a program at a point, for a Newton step."""
 
     def slope(self, multipliers: Array, /) -> Array:
-        """The largest entry of the Lagrangian's gradient, `(starts,)`."""
+        """Return the largest entry of the Lagrangian's gradient, `(starts,)`."""
 
     def step(self, aim: Array, /) -> tuple[Any, Array]:
-        """The Newton step to these multipliers, and by how much it changes every row."""
+        """Return the Newton step for target multipliers, and the change of every inequality."""
 
     def bending(self, step: Any, /) -> Array | None:
-        """By how much a step changes every row at second order, where that is known."""
+        """Return the second-order change of every inequality; None if it is not known."""
 
 
 class Inequalities(Protocol):
     """A program's inequalities at a point.
 
     Attributes:
-        point: where the unknowns are.
+        point: values of the unknowns.
         values: positive inside, `(kinds, sides, starts, segments, joints)`.
         times: of the segments, `(starts, segments)`.
-        start_slack: the least slack that a start has.
-        min_gap_rtol: least complementarity gap that a step aims at, relative to the duration.
+        start_slack: least slack at the initial guess.
+        min_gap_rtol: least complementarity gap to aim at, relative to the duration.
         max_log_step: largest change of a time's logarithm in one step, to first order.
-        start_barrier: product of slack and multiplier at the start, `(starts,)`.
+        start_barrier: product of slack and multiplier at the initial guess, `(starts,)`.
     """
 
     point: Any
@@ -104,24 +105,24 @@ class Inequalities(Protocol):
 
     @property
     def apart(self) -> Array:
-        """The most that a link between cells misses, `(starts,)`."""
+        """Return the largest residual of a link between cells, `(starts,)`."""
 
     def linear(self, multipliers: Array, weights: Array, /) -> Linearisation:
-        """The model of a Newton step; `weights` are multiplier over slack of each row."""
+        """Return the linear model; `weights` are multiplier over slack of each inequality."""
 
     def after(self, step: Any, length: Array, /) -> Self:
-        """The rows after such a length of a step, `(starts,)`."""
+        """Return the inequalities after a step of this length, `(starts,)`."""
 
     def follows(self, before: Self, /) -> Bools:
-        """Return whether the step from the rows before may be taken, `(starts,)`."""
+        """Return whether the method may continue from here, after a step from `before`."""
 
     def of(self, some: Bools, /) -> Self:
-        """The rows of some of the starts."""
+        """Return the inequalities of some of the starts."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Rows with a slack and a multiplier each, in tables of their shape."""
+    """Inequalities with their slacks and multipliers, in tables of the shape of their values."""
 
     rows: Inequalities
     slacks: Array
@@ -129,27 +130,27 @@ class State:
 
     @cached_property
     def duration(self) -> Array:
-        """The sum of the segment times, `(starts,)`."""
+        """Return the sum of the segment times, `(starts,)`."""
         return self.rows.times.sum(axis=1)
 
     @cached_property
     def gap(self) -> Array:
-        """The complementarity gap, `(starts,)`."""
+        """Return the complementarity gap, `(starts,)`."""
         return (self.slacks * self.multipliers).sum(axis=ROW_AXES)
 
     @cached_property
     def miss(self) -> Array:
-        """The rows' values less their slacks."""
+        """Return the primal residual: the inequalities' values minus their slacks."""
         return self.rows.values - self.slacks
 
     @cached_property
     def weights(self) -> Array:
-        """Multiplier over slack of each row."""
+        """Return multiplier over slack of each inequality."""
         return self.multipliers / self.slacks
 
     @cached_property
     def linear(self) -> Linearisation:
-        """The model of a Newton step from here."""
+        """Return the linear model at this point."""
         return self.rows.linear(self.multipliers, self.weights)
 
     @cached_property
@@ -158,19 +159,19 @@ class State:
         return self.linear.slope(self.multipliers)
 
     def of(self, some: Bools) -> State:
-        """The state of some of the starts."""
+        """Return the state of some of the starts."""
         return State(self.rows.of(some), self.slacks[:, :, some], self.multipliers[:, :, some])
 
 
 class Iterate(NamedTuple):
-    """The state of some starts after a step.
+    """The state of the initial guesses after an iteration.
 
     Attributes:
-        state: where they are.
-        before: where they were before the last step.
-        length: of each one's last step, up to 1, `(starts,)`.
-        gain: change of the duration over the whole of that step, to first order, `(starts,)`.
-        steps: how many there were.
+        state: after the last step.
+        before: before the last step.
+        length: of the last step, up to 1, `(starts,)`.
+        gain: first-order change of the duration over the whole of that step, `(starts,)`.
+        steps: number of iterations.
     """
 
     state: State
@@ -181,11 +182,11 @@ class Iterate(NamedTuple):
 
     @property
     def lost(self) -> Bools:
-        """Which starts have diverged, `(starts,)`."""
+        """Return which starts have diverged, `(starts,)`."""
         return ~np.isfinite(self.state.gap) | (self.length == 0)
 
     def of(self, some: Bools) -> Iterate:
-        """Some of the starts."""
+        """Return the iterate of some of the starts."""
         return Iterate(
             self.state.of(some),
             self.before.of(some),
@@ -200,7 +201,7 @@ Arrived = Callable[[Iterate], Bools]
 
 
 def begun(rows: Inequalities) -> Iterate:
-    """No step yet."""
+    """Return the initial iterate."""
     slacks = np.maximum(rows.values, rows.start_slack)
     state = State(rows, slacks, rows.start_barrier[:, None, None] / slacks)
     length = np.full(len(rows.times), START_LENGTH)
@@ -209,7 +210,7 @@ def begun(rows: Inequalities) -> Iterate:
 
 
 def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
-    """Steps until every start has arrived or is lost."""
+    """Return the iterate at which every start has arrived or diverged."""
     most = getattr(iterate.state.rows, "max_iterations", MAX_ITERATIONS)
     while iterate.steps < most:
         if (arrived(iterate) | iterate.lost).all():
@@ -219,13 +220,13 @@ def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
 
 
 def near(iterate: Iterate, gap_rtol: float) -> Bools:
-    """Which points' gaps are at most this share of their durations, `(starts,)`."""
+    """Return which starts have a gap of at most this share of their duration, `(starts,)`."""
     state = iterate.state
     return state.gap <= gap_rtol * state.duration
 
 
 def converged(iterate: Iterate, times: float = 1.0) -> Bools:
-    """Which points are local optima to so many times the tolerances, `(starts,)`."""
+    """Return which starts are local optima, to `times` the tolerances, `(starts,)`."""
     closed = near(iterate, times * GAP_RTOL)
     if not closed.any():
         return closed
@@ -236,7 +237,7 @@ def converged(iterate: Iterate, times: float = 1.0) -> Bools:
 
 
 def _stepped(iterate: Iterate) -> Iterate:
-    """After a Newton step to `slack × multiplier = barrier`."""
+    """Return the iterate after a Newton step to `slack × multiplier = barrier`."""
     state = iterate.state
     slacks = state.slacks
     multipliers = state.multipliers
@@ -276,9 +277,9 @@ class _Direction(NamedTuple):
 
     Attributes:
         step: of the unknowns.
-        change: of the rows to first order, in a table of their shape.
+        change: first-order change of the inequalities, in a table of their shape.
         slacks: of the slacks.
-        forwards: how far it may be taken, `(starts,)`.
+        forwards: largest allowed length, `(starts,)`.
     """
 
     step: Any
@@ -288,7 +289,7 @@ class _Direction(NamedTuple):
 
 
 def _direction(state: State, aim: Array, miss: Array) -> _Direction:
-    """The Newton step that makes up for what the rows miss of their slacks."""
+    """Return the Newton step that also removes the primal residual `miss`."""
     step, change = state.linear.step(aim - state.weights * miss)
     slack_step = change + miss
     farthest = np.abs(step.log).max(axis=1)
@@ -300,10 +301,11 @@ def _direction(state: State, aim: Array, miss: Array) -> _Direction:
 
 
 def _followed(iterate: Iterate, aim: Array) -> tuple[Inequalities, _Direction]:
-    """The rows after a Newton step, and the step.
+    """Return the inequalities after a Newton step, and the step.
 
-    It bends with the rows, first as their second derivatives say, then as a step has shown. Where
-    the method cannot go on from there it is straight, and shortened.
+    Three steps are tried in turn: one corrected by the inequalities' second derivatives, one
+    corrected by the second-order change that this step turned out to have, and the plain Newton
+    step, shortened until the method may continue.
     """
     state = iterate.state
     before = state.rows
@@ -328,13 +330,13 @@ def _followed(iterate: Iterate, aim: Array) -> tuple[Inequalities, _Direction]:
 
 
 def _bent(state: State, aim: Array, tried: _Direction, bending: Array) -> _Direction:
-    """The step that makes up for the rows' bending, unless it is much shorter than the one tried.
+    """Return the step corrected for second order, unless it is much shorter than the one tried.
 
     Args:
-        state: where it begins.
-        aim: barrier over slack of each row.
-        tried: another step.
-        bending: of the rows, after the whole of it.
+        state: at the start of the step.
+        aim: barrier over slack of each inequality.
+        tried: the step to correct.
+        bending: second-order change of the inequalities over the whole of `tried`.
     """
     length = tried.forwards[:, None, None]
     bent = _direction(state, aim, state.miss + length * bending)
@@ -342,7 +344,7 @@ def _bent(state: State, aim: Array, tried: _Direction, bending: Array) -> _Direc
 
 
 def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:
-    """One step for some starts, another one for the rest."""
+    """Return `one` step for the starts of `first`, and the `other` for the rest."""
     if first.all():
         return one
     share = first.astype(float)
@@ -357,7 +359,10 @@ def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:
 
 
 def _shortened(iterate: Iterate, direction: _Direction) -> tuple[Inequalities, _Direction]:
-    """The rows after a step, shortened until the method may go on; a length of 0 if it may not."""
+    """Return the inequalities after a step, shortened until the method may continue.
+
+    A start whose step cannot be shortened enough gets the length 0, and counts as diverged.
+    """
     rows = iterate.state.rows
     length = direction.forwards
     for _ in range(MAX_SHORTENED):

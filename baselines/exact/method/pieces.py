@@ -1,4 +1,4 @@
-"""Motions of piecewise linear acceleration."""
+"""Motions of piecewise linear acceleration: velocities, positions, and joining two pieces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trajopt.core.arrays import Array, Bools, Indices
 
 
 class Pieces(NamedTuple):
-    """A motion of linear acceleration on each piece. A piece of no length changes nothing.
+    """A motion whose acceleration is linear on each piece. A piece may have the length 0.
 
     Attributes:
         lengths: of the pieces, `(pieces, …)`.
@@ -24,36 +24,40 @@ class Pieces(NamedTuple):
 
     @classmethod
     def straight(cls, lengths: Array, first: Array, last: Array) -> Pieces:
-        """Pieces of these lengths from the first accelerations to the last ones."""
+        """Return pieces whose accelerations go straight from `first` to `last`."""
         return cls(lengths, first, quotient(last - first, lengths, lengths > 0))
 
     @classmethod
     def between(cls, lengths: Array, breaks: Array, middles: Array, jerky: Bools) -> Pieces:
-        """Pieces of these lengths that have given accelerations, `(…, joints)`.
+        """Return pieces through given accelerations, `(…, joints)`.
 
-        They have them at their breaks; without a jerk limit, in the middle, and are constant.
+        With a jerk limit these are the accelerations at the breaks. Without one a piece is constant
+        and has the acceleration of its middle.
         """
         first = np.where(jerky, breaks[:-1], middles)
         last = np.where(jerky, breaks[1:], middles)
         return cls.straight(lengths, first, last)
 
     def of(self, segments: Indices) -> Pieces:
-        """The pieces of some of the segments, in tables `(pieces, segments, …)`."""
+        """Return the pieces of some segments, in tables `(pieces, segments, …)`."""
         return Pieces(*(table[:, segments] for table in self))
 
     @property
     def end(self) -> Array:
-        """Accelerations at the ends of the pieces."""
+        """Return the accelerations at the ends of the pieces."""
         return self.start + self.jerk * self.lengths
 
     @property
     def gained(self) -> tuple[Array, Array]:
-        """Velocity and displacement at the end, from rest."""
+        """Return velocity and displacement at the end, from rest."""
         velocity, position = self.passed(np.zeros_like(self.start[0]))
         return velocity[-1], position[-1]
 
     def passed(self, u: Array) -> tuple[Array, Array]:
-        """Velocities and positions at the breaks, from velocity `u` and 0, `(pieces + 1, …)`."""
+        """Return velocities and positions at the breaks, `(pieces + 1, …)`.
+
+        The motion begins with the velocity `u` at the position 0.
+        """
         lengths = self.lengths
         bend = self.jerk * lengths
         mean = self.start + bend / 2
@@ -64,16 +68,19 @@ class Pieces(NamedTuple):
         return velocity, position
 
     def integrated(self, u: Array) -> Array:
-        """Position coefficients from velocity `u` and position 0, `(4, pieces, …)`."""
+        """Return the coefficients of position, `(4, pieces, …)`; see `passed`."""
         velocity, position = self.passed(u)
         cubic = self.jerk / 6
         square = self.start / 2
         return np.array([cubic, square, velocity[:-1], position[:-1]])
 
     def joined(self, place: Indices, jerky: Bools) -> Pieces:
-        """One piece in place of two: that at these places, `(segments,)`, and the following one.
+        """Return the pieces with one piece in place of two neighbours in each segment.
 
-        Without a jerk limit, `(joints,)`, acceleration is that of the longer one.
+        Args:
+            place: index of the first of both, `(segments,)`.
+            jerky: which joints have a jerk limit, `(joints,)`. Without one the new piece has the
+                acceleration of the longer of both.
         """
         segments = np.arange(len(place))
         one = Pieces(*(table[place, segments] for table in self))
@@ -96,12 +103,12 @@ class Pieces(NamedTuple):
 
 
 def quotient(whole: Array, parts: Array, where: Bools) -> Array:
-    """The quotient in some places, of the shape of `whole`, and 0 elsewhere."""
+    """Return `whole / parts` where asked, and 0 elsewhere."""
     return np.divide(whole, parts, out=np.zeros_like(whole), where=where)
 
 
 def summed(start: Array | float, steps: Array) -> Array:
-    """The value before the first step and after each, along the first axis."""
+    """Return the value before the first step and after each one, along the first axis."""
     pieces, *others = steps.shape
     values = np.empty((pieces + 1, *others))
     values[0] = start

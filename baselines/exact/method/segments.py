@@ -1,4 +1,4 @@
-"""Segments between waypoints: a motion of pieces meets their ends and keeps their limits."""
+"""Motions of pieces between waypoints: corrected to meet the ends, thinned within the limits."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from trajopt.core.arrays import Array, Bools, Indices
 
-MOST = 1 + 3e-10  # share of a limit that a motion may use
-_TOLERANCE = 1e-10  # feasibility relative to the limits, HiGHS's least
-_ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
-_MISSED_RTOL = 1e-12  # a motion that misses more, relative to them, does not meet its end
+MOST = 1 + 3e-10  # largest share of a limit that a motion may use
+_FEASIBILITY_TOL = 1e-10  # of the linear program, relative to the limits; the least of HiGHS
+# Residuals at a segment's end, relative to its largest velocity or to the way at that velocity:
+_ROUNDING_RTOL = 4e-15  # a smaller one is rounding, and is not corrected
+_MISSED_RTOL = 1e-12  # a larger one means that the motion does not meet its end
 
 
 class Segments(NamedTuple):
@@ -33,27 +34,28 @@ class Segments(NamedTuple):
 
     @classmethod
     def under(cls, u: Array, w: Array, h: Array, *limits: Array) -> Self:
-        """Segments under three limits, each `(2, segments, joints)` or `(2, 1, joints)`."""
+        """Return segments under three limits, each `(2, segments, joints)` or `(2, 1, joints)`."""
         velocity, acceleration, jerk = (np.broadcast_to(own, (2, *h.shape)) for own in limits)
         return cls(u, w, h, (velocity, acceleration, jerk))
 
     @property
     def jerky(self) -> Bools:
-        """Which joints have jerk limits, `(joints,)`: in all segments or in none."""
+        """Return which joints have jerk limits, `(joints,)`: in all segments or in none."""
         return np.asarray(np.isfinite(self.limits[-1]).any(axis=(0, 1)))
 
     def of(self, some: Indices) -> Self:
-        """Some of the segments."""
+        """Return some of the segments."""
         limits = (sides[:, some] for sides in self.limits)
         return self.under(self.u[some], self.w[some], self.h[some], *limits)
 
     def missing(self, lengths: Array, passed: tuple[Array, Array], rtol: float) -> Array:
-        """Velocity and displacement that are missing at the end, `(2, segments, joints)`.
+        """Return the residuals of velocity and displacement at the end, `(2, segments, joints)`.
 
         Args:
             lengths: of the pieces.
             passed: their velocities and positions at the breaks.
-            rtol: less than this share of the largest velocity, or of its way, is not missing.
+            rtol: a residual below this share of the largest velocity, or of the way at that
+                velocity, counts as zero.
         """
         velocity, position = passed
         slow = self.w - velocity[-1]
@@ -66,11 +68,12 @@ class Segments(NamedTuple):
         return np.where([is_slow, is_short], [slow, short], 0.0)
 
     def mended(self, pieces: Pieces) -> Pieces:
-        """Pieces that lead to the next waypoint and its velocity.
+        """Return the pieces, corrected so that they end at the next waypoint with its velocity.
 
-        Their accelerations change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`,
-        where `x` is the share of the time that has passed: a large change leaves some rounding.
-        That takes three pieces, or two that are constant. One leads to its velocity.
+        The accelerations change by a multiple of `x (1 - x)`, which corrects the velocity, and of
+        `x (1 - x) (1 - 2 x)`, which corrects the displacement; `x` is the share of the time that
+        has passed. Both corrections need three pieces, or two of constant acceleration. A single
+        piece gets its velocity only. A large correction leaves some rounding.
         """
         shares = pieces.lengths / pieces.lengths.sum(axis=0)
         x = summed(0.0, shares)
@@ -81,7 +84,8 @@ class Segments(NamedTuple):
         odd_gain, odd_way = odd.gained
         passed = pieces.passed(self.u)
         slow, short = self.missing(pieces.lengths, passed, _ROUNDING_RTOL)
-        # the velocity by the even one, and the displacement by an odd one without velocity
+        # The even change corrects the velocity. The odd one, less as much of the even one as keeps
+        # the velocity, corrects the displacement.
         ratio = odd_gain / even_gain
         evenly = slow / even_gain
         short = short - evenly * even_way
@@ -95,7 +99,7 @@ class Segments(NamedTuple):
         return pieces._replace(start=pieces.start + start, jerk=pieces.jerk + jerk)
 
     def use(self, pieces: Pieces) -> Array:
-        """The largest share of a limit that each joint uses, `(segments, joints)`.
+        """Return the largest share of a limit that each joint uses, `(segments, joints)`.
 
         It is infinite where the pieces miss their end.
         """
@@ -106,7 +110,7 @@ class Segments(NamedTuple):
         passed = own.passed(self.u)
         velocity, _ = passed
         speeds = velocity[:-1]
-        # the fastest point of a piece, at no acceleration
+        # Within a piece velocity is extreme where the acceleration is zero.
         is_inside = first * own.end < 0
         lost = quotient(first**2, 2 * jerk, is_inside)
         velocities = np.concatenate([speeds, speeds - lost])
@@ -115,9 +119,10 @@ class Segments(NamedTuple):
         return np.where(misses, np.inf, shares.max(axis=0))
 
     def kept(self, pieces: Pieces, some: Bools) -> tuple[Pieces, Bools]:
-        """The pieces mended, and in which segments they keep the limits.
+        """Return the corrected pieces, and in which segments they keep the limits.
 
-        In some segments a linear program changes those of joints that do not, where that helps.
+        Where a joint exceeds a limit in one of the segments of `some`, a linear program changes its
+        accelerations, if that lowers its use.
         """
         mended = self.mended(pieces)
         use = self.use(mended)
@@ -136,14 +141,15 @@ class Segments(NamedTuple):
         return mended, np.asarray((use <= MOST).all(axis=1))
 
     def thinned(self, pieces: Pieces, close: Array, brief: float) -> Pieces:
-        """Leave out breaks that are close to another one, where the motion keeps its limits.
+        """Return the pieces without breaks that are close to another, where the limits are kept.
 
-        In each segment the closest one is tried first, and again whenever another one has gone.
+        In each segment the break with the least distance is tried first. After each removal all
+        breaks are tried again.
 
         Args:
-            pieces: need not be mended; what is returned is.
-            close: the time that parts breaks that are close, `(segments,)`.
-            brief: a piece that takes less stays only if no motion can do without it.
+            pieces: corrected or not; those that are returned are corrected.
+            close: breaks at a smaller distance are tried, `(segments,)`.
+            brief: to remove a piece that takes less, a linear program is tried too.
         """
         every = np.arange(len(close))
         pieces, _ = self.kept(pieces, np.full(len(close), True))
@@ -151,7 +157,7 @@ class Segments(NamedTuple):
         lengths = pieces.lengths[..., 0]
         before = lengths[:-1]
         after = lengths[1:]
-        # three can meet any end; one that is constant, the end that it meets already
+        # Three pieces can meet any end. One of constant acceleration meets the end that it has.
         fewest = 3 if self.jerky.any() else 1
         is_needed = np.zeros(before.shape, dtype=bool)
         while True:
@@ -175,10 +181,11 @@ class Segments(NamedTuple):
             is_needed[place[~keeps], tried[~keeps]] = True
 
     def _squeeze(self, pieces: Pieces, segment: int, joint: int) -> None:
-        """Let a joint use the least share of its limits in a segment, and end where it does.
+        """Lower the largest share of a limit that a joint uses in a segment, in place.
 
-        The accelerations at inner breaks change, by a linear program; without a jerk limit that of
-        each piece. Velocities within pieces are left to `use`.
+        A linear program changes the accelerations at inner breaks (without a jerk limit, those of
+        the pieces). The end state stays. Extreme velocities within pieces are not constrained;
+        `use` checks them.
         """
         used = pieces.lengths[:, segment, 0] > 0
         lengths = pieces.lengths[used, segment]
@@ -202,15 +209,17 @@ class Segments(NamedTuple):
 
 
 def _even(x: Array) -> Array:
+    """Return a change that is symmetric about the middle, and zero at both ends."""
     return x * (1 - x)
 
 
 def _odd(x: Array) -> Array:
+    """Return a change that is antisymmetric about the middle, and zero at both ends."""
     return _even(x) * (1 - 2 * x)
 
 
 def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:
-    """Velocities, accelerations at the ends of pieces and jerks, relative to either limit."""
+    """Return velocities, accelerations at breaks, and jerks, each over its low and high limit."""
     accelerations = np.concatenate([pieces.start, pieces.end])
     tables = [velocity, accelerations, pieces.jerk]
     shares = []
@@ -220,13 +229,13 @@ def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:
 
 
 def _least(matrix: Array, slack: Array, ends: Array) -> Array:
-    """The `x` of least `e ≥ 0` with `matrix x ≤ slack + e` and `ends x = 0`, or zeros."""
+    """Return `x` with the least `e ≥ 0`, `matrix x ≤ slack + e` and `ends x = 0`; zeros if none."""
     from scipy.optimize import linprog  # late: few motions need it
 
     rows, changes = matrix.shape
     if not np.isfinite(slack).all():
         return np.zeros(changes)
-    # HiGHS's tolerance is absolute: a change of 1 takes the whole of a limit
+    # HiGHS's tolerance is absolute, so a change of 1 is scaled to use the whole of a limit.
     unit = 1 / np.abs(matrix).max(axis=0)
     gains = ends * unit
     sizes = np.abs(gains).max(axis=1, keepdims=True)
@@ -238,8 +247,8 @@ def _least(matrix: Array, slack: Array, ends: Array) -> Array:
         b_eq=np.zeros(2),
         bounds=[(None, None)] * changes + [(0.0, None)],
         options={
-            "primal_feasibility_tolerance": _TOLERANCE,
-            "dual_feasibility_tolerance": _TOLERANCE,
+            "primal_feasibility_tolerance": _FEASIBILITY_TOL,
+            "dual_feasibility_tolerance": _FEASIBILITY_TOL,
         },
     )
     return np.zeros(changes) if found.x is None else unit * found.x[:-1]
