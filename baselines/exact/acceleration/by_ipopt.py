@@ -66,7 +66,7 @@ def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
 
 @cache
 def _solver(segments: int, joints: int) -> Program:
-    """IPOPT for all problems of this size, built once.
+    """Return IPOPT for all problems of this size, built once.
 
     Displacements, limits and the velocities at the ends are parameters.
     """
@@ -83,7 +83,7 @@ def _solver(segments: int, joints: int) -> Program:
     w = ca.vertcat(inner, outer[1, :])
 
     def rows(p: Any, u: Any, w: Any, h: Any, a1: Any, a2: Any) -> list[Any]:
-        # equations 3.2: D(p) reaches h, and both ramps fit into the time
+        # (3.2): D(p) is at least h, and both ramps fit into the time.
         first = (p - u) ** 2 / (2 * a2)
         last = (p - w) ** 2 / (2 * a1)
         fits = a1 * a2 * t + a1 * u + a2 * w - (a1 + a2) * p
@@ -94,7 +94,7 @@ def _solver(segments: int, joints: int) -> Program:
         variables=[times, inner, upper, lower],
         parameters=[h, *limits, outer],
         objective=ca.sum1(times),
-        # 3.3 is its mirror image, where the peak counts downwards
+        # (3.3) is its mirror image, with the peak counted downwards.
         constraints=[*rows(upper, u, w, h, a1, a2), *rows(lower, -u, -w, -h, a2, a1)],
         options=OPTIONS,
     )

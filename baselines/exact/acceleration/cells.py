@@ -5,9 +5,9 @@ from the segment's mean velocity in units of its time (mathematics, section 3); 
 logarithms of the segment times and the waypoint velocities. What happens in a cell depends on one
 segment time and two waypoint velocities only.
 
-Small tables cost NumPy's calls, not their numbers, and a call on tables of different shapes costs
-three on tables of one. So several starts share every table, what is the same for all of them is
-repeated, and the axes of two come first: `(2 ends, 2 sides, starts, segments, joints)`.
+On small arrays a call's overhead dominates, and a call that broadcasts costs as much as three that
+do not. So several starts share every table, numbers that are the same for all starts are repeated,
+and the axes of two come first: `(2 ends, 2 sides, starts, segments, joints)`.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 
 START_BARRIER = 0.1
-# Share of the velocity limits that a start uses at most.
+# Largest share of the velocity limits that an initial guess uses.
 _START_ROOM = 0.98
 
-# The upper profile, and the lower one seen mirrored: h, u, w and peaks change their signs.
+# Signs of the upper profile and of the lower one, which is mirrored: h, u, w, peaks change sign.
 _SIGNS = np.array([1.0, -1.0])
 SIDES = _SIGNS.reshape(2, 1, 1, 1)
 
 
 class AccelerationUnknowns(NamedTuple):
-    """The unknowns of every start, or a step of them.
+    """The unknowns of every start, or a step of the unknowns.
 
     Attributes:
         log: logarithms of the segment times in stop times, `(starts, segments)`.
@@ -45,17 +45,17 @@ class AccelerationUnknowns(NamedTuple):
 
     @property
     def ends(self) -> Array:
-        """Velocities at the start and at the end, from the mean one, in units of the time."""
+        """Return the velocities at both ends, from the mean one, in units of the time."""
         return self.inner[0]
 
     @property
     def peaks(self) -> Array:
-        """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
+        """Return the peaks of the upper and the mirrored lower profile, in the units of `ends`."""
         return self.inner[1]
 
 
 def both_sides(ends: Array) -> Array:
-    """Ends as both sides see them, the lower one mirrored: `(2, …)` to `(2, 2, …)`."""
+    """Return end velocities for both sides, mirrored for the lower one: `(2, …)` to `(2, 2, …)`."""
     of_each_side = ends[:, None]
     return of_each_side * SIDES
 
@@ -81,15 +81,15 @@ class AccelerationTables:
 
         v1, v2 = np.abs(scaled.v)
         a1, a2 = np.abs(scaled.a)
-        # no velocity is above its limit, nor above accelerating at 1 all the time
+        # A velocity is at most its limit, and at most that of accelerating at 1 for the whole time.
         limit = np.maximum(v1, v2)
         whole = scaled.stop.sum()
         top = np.minimum(limit, whole)
         fastest = _by_axes_of_two([v2, v1])
-        # of both sides: what leads from the start to a peak, and from it to the end
+        # For both sides: the acceleration from the start to a peak, and from the peak to the end.
         speeding = [a2, a1]
         braking = [a1, a2]
-        # end velocities and peaks are no further from the mean than half a limit leads in T
+        # End velocities and peaks are at most half an acceleration limit times T from the mean.
         half_a1 = a1 / 2
         half_a2 = a2 / 2
         wide = half_a1 + half_a2
@@ -128,11 +128,11 @@ class AccelerationTables:
         return AccelerationTables(self.scaled, starts)
 
     def at_ends(self, velocity: Array) -> Array:
-        """Waypoint velocities at the start and the end of each segment."""
+        """Return waypoint velocities at the start and the end of each segment."""
         return at_ends(velocity, self.scaled.end_v, self.scaled.closed)
 
     def start(self, times: Array, velocities: Array) -> AccelerationUnknowns:
-        """Within velocity limits; peaks as high as times and limits allow.
+        """Return a point within velocity limits, with peaks as high as times and limits allow.
 
         Args:
             times: of the segments, `(starts, segments)`.
@@ -168,7 +168,7 @@ class AccelerationTables:
         return self.clipped(point)
 
     def clipped(self, point: AccelerationUnknowns) -> AccelerationUnknowns:
-        """End velocities and peaks where an answer can have them."""
+        """Return the point with ends and peaks clipped to where an answer can have them."""
         inner = np.maximum(point.inner, self.lowest)
         np.minimum(inner, self.highest, out=inner)
         return AccelerationUnknowns(point.log, point.velocity, inner)

@@ -1,9 +1,9 @@
 """The motion through given waypoint velocities without a jerk limit (mathematics, section 3).
 
-In each segment each joint takes the profile of least acceleration, at most two ramps and a cruise;
-where that leaves the joint's position limits it takes the one that strays least. All joints of a
-segment share its breaks. A break close to another one, or to a waypoint, is left out where the
-motion keeps its limits without it.
+In each segment each joint takes the profile of least acceleration: two ramps and a cruise at most.
+If that leaves the joint's position limits, it takes the profile with the least overshoot. All
+joints of a segment share its breaks. A break that is close to another one, or to a waypoint, is
+removed if the motion keeps its limits without it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from baselines.exact.method.pieces import Pieces, quotient
 from baselines.exact.method.segments import Segments
 from trajopt.core.arrays import Array, Bools
 
-# Breaks no further apart than this share of a segment are close.
+# Breaks at a smaller distance than this share of a segment are close.
 _CLOSE_RTOL = 1e-6
-# Share of the unused acceleration that a joint keeps, so that breaks can go.
+# Share of the unused acceleration that the profile of least overshoot leaves, so that close breaks
+# can be removed.
 _KEPT_SHARE = 1e-3
-# With less unused acceleration, relative to the limit, there is only one motion.
+# With less unused acceleration than this, relative to the limit, there is only one motion.
 _LEAST_SPARE = 1e-6
 
 
 class SegmentTask(NamedTuple):
-    """The motion required of every joint in every segment, in the joint's own units.
+    """What a motion has to do in every segment, each joint in its own units.
 
     Attributes:
         times: of the segments, `(segments, 1)`.
@@ -35,7 +36,7 @@ class SegmentTask(NamedTuple):
         w: velocities at their ends, likewise.
         v: velocity limits, `(2, segments, joints)`, low first; 1 where all segments have the same.
         a: acceleration limits, likewise.
-        q: where the segments start, `(segments, joints)`.
+        q: positions at the segments' starts, `(segments, joints)`.
         positions: position limits, `(2, joints)`, low first.
     """
 
@@ -50,15 +51,15 @@ class SegmentTask(NamedTuple):
 
 
 def pieces(task: SegmentTask, brief: float) -> Pieces:
-    """The motion of all joints, constant accelerations on breaks that they share.
+    """Return the motion of all joints: constant accelerations on shared breaks.
 
     Args:
-        task: the motion.
-        brief: a piece that takes less stays only if no motion can do without it.
+        task: what the motion has to do.
+        brief: to remove a piece that takes less, a linear program is tried too.
     """
     between = task.u, task.w, task.times
     limits = task.v, task.a
-    # rounding may ask for a little more than limits allow
+    # Rounding may put a displacement a little outside the interval that the limits allow.
     reach = extremes(*between, *limits)
     task = task._replace(h=np.clip(task.h, reach.d_lo, reach.d_up))
     ramps = gentlest(*between, task.h, *limits)
@@ -81,7 +82,7 @@ def pieces(task: SegmentTask, brief: float) -> Pieces:
 
 
 def _breaks(own: Pieces, end: Array) -> Array:
-    """The breaks of all joints in order, each once, then the end, `(breaks, segments, 1)`."""
+    """Return all joints' breaks in order, each once, then the end, `(breaks, segments, 1)`."""
     first, cruise, _ = own.lengths
     times = np.sort(np.hstack([0 * end, first, first + cruise, end]), axis=1)
     is_new = np.diff(times, axis=1, prepend=-1.0) > 0
@@ -90,21 +91,21 @@ def _breaks(own: Pieces, end: Array) -> Array:
 
 
 def _own(ramps: Ramps, task: SegmentTask) -> Pieces:
-    """Each joint's own ramp, cruise and ramp."""
+    """Return each joint's own ramp, cruise and ramp."""
     cruise = task.times - ramps.first - ramps.last
     lengths = np.array([ramps.first, cruise, ramps.last])
     none = np.zeros_like(cruise)
     steps = np.array([ramps.peak - task.u, none, task.w - ramps.peak])
     acceleration = quotient(steps, lengths, lengths > 0)
-    # over a brief ramp, rounding of the velocities shows
+    # Over a short ramp the rounding of velocities is a large acceleration.
     within = np.clip(acceleration, *task.a)
     return Pieces(lengths, within, 0 * within)
 
 
 def _within_positions(ramps: Ramps, task: SegmentTask) -> Ramps:
-    """Ramps that stray least, where these ones leave the position limits."""
+    """Return the ramps, those of least overshoot where the given ones leave position limits."""
     spare = np.maximum(1 - ramps.share, 0.0)
-    # joints that decide the segment's time have no choice
+    # A joint that decides the segment's time has only one motion.
     has_choice = spare > _LEAST_SPARE
     leaves = has_choice & _leaves_positions(ramps, task)
     taken = 1 - _KEPT_SHARE * spare
@@ -114,7 +115,7 @@ def _within_positions(ramps: Ramps, task: SegmentTask) -> Ramps:
 
 
 def _leaves_positions(ramps: Ramps, task: SegmentTask) -> Bools:
-    """Which joints leave their position limits, in which segments: waypoints are within them."""
+    """Return in which segments a joint leaves its position limits between the waypoints."""
     own = _own(ramps, task)
     velocity, position = own.passed(task.u)
     before = velocity[:-1]

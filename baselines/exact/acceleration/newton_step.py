@@ -23,7 +23,7 @@ from trajopt.core.arrays import Array, Bools
 
 
 class Gradients(NamedTuple):
-    """Rows' gradients, each times a number, over what a cell has.
+    """Gradients of the inequalities, each times a number, by a cell's variables.
 
     Attributes:
         s: over the logarithm of the time, `(2 sides, starts, segments, joints)`.
@@ -37,11 +37,12 @@ class Gradients(NamedTuple):
 
 
 class AccelerationInequalities:
-    """Every inequality of the program at a point: what it leaves, and how that changes.
+    """Every inequality of the program at a point: its value and its derivatives.
 
-    Two rows for each side of a cell: the room of the peak `p` below the velocity limit, and the
-    reach of the displacement beyond `h`. Over the logarithm `s` of the time `T`, the end velocities
-    `x` and `p` they have the gradients `room_s`, `room_p`, `reach_x` and `reach_p`.
+    Two inequalities for each side of a cell: `room`, the slack of the peak `p` below the velocity
+    limit, and `reach`, the extreme displacement beyond `h`. By the logarithm `s` of the time `T`,
+    the end velocities `x` and `p` they have the derivatives `room_s`, `room_p`, `reach_x` and
+    `reach_p`.
 
     Where limits differ from segment to segment, a third: what the velocity at a cell's end leaves
     of both its segments' limits, with the gradients `passing_s` and `passing_x` over `s` and that
@@ -102,20 +103,20 @@ class AccelerationInequalities:
         self.reach_p = 1 - of_both_ends
 
     def linear(self, multipliers: Array, weights: Array) -> AccelerationLinearisation:
-        """The model of a Newton step; `weights` are multiplier over slack of each row."""
+        """Return the linear model; `weights` are multiplier over slack of each inequality."""
         return AccelerationLinearisation(self, multipliers, weights)
 
     def after(self, step: AccelerationUnknowns, length: Array) -> AccelerationInequalities:
-        """The rows after such a length of a step, clipped."""
+        """Return the inequalities after a step of this length, with clipped unknowns."""
         cells = self.cells
         return AccelerationInequalities(cells, cells.clipped(moved(self.point, step, length)))
 
     def follows(self, before: AccelerationInequalities) -> Bools:
-        """Every point is allowed: clipping replaces a line search."""
+        """Return that every point is allowed: clipping replaces a line search."""
         return np.ones(len(self.times), dtype=bool)
 
     def of(self, some: Bools) -> AccelerationInequalities:
-        """The rows of some of the starts."""
+        """Return the inequalities of some of the starts."""
         return AccelerationInequalities(self.cells.of(int(some.sum())), chosen(self.point, some))
 
     @cached_property
@@ -127,12 +128,12 @@ class AccelerationInequalities:
 
     @property
     def apart(self) -> Array:
-        """The most that a link misses, in units of the highest velocity, `(starts,)`."""
+        """Return the largest residual of a link, in units of the highest velocity, `(starts,)`."""
         missed = np.abs(self.missing * self.room_p)
         return missed.max(axis=(0, 2, 3))
 
     def gradients(self, numbers: Array) -> Gradients:
-        """The rows' gradients times a number each."""
+        """Return the inequalities' gradients, times a number each."""
         room, reach = numbers[:2]
         by_s = self.room_s * room
         by_x = self.reach_x * reach
@@ -144,7 +145,7 @@ class AccelerationInequalities:
         return Gradients(by_s, by_x, by_p)
 
     def change(self, step: AccelerationUnknowns, x: Array) -> Array:
-        """By how much a step changes every row; `x` are its ends, of both sides."""
+        """Return the change of every inequality in a step; `x` are its ends, of both sides."""
         s = step.log[..., None]
         peaks = step.peaks
         change = np.empty_like(self.values)
@@ -159,7 +160,7 @@ class AccelerationInequalities:
 
 
 class AccelerationLinearisation:
-    """The program near a point: rows linear, the objective quadratic, peaks eliminated.
+    """The program near a point: linear inequalities, a quadratic objective, peaks eliminated.
 
     With `s` the logarithm of the time `T`, `x` an end velocity and `p` a peak. The matrix over
     them is the Lagrangian's, and each row's gradient squared times its weight.
@@ -191,7 +192,7 @@ class AccelerationLinearisation:
         # pp = Σ y/a + w (∂room/∂p)² + w (∂reach/∂p)²
         pressed = w_room * room_p
         pp = curved.sum(axis=0) + pressed * room_p + w_reach * reach_p**2
-        # x counts from the mean velocity, which changes with s
+        # x counts from the mean velocity, which depends on s.
         mean = cells.h / t
         steep = mean / t
         sx = y_reach * reach_x
@@ -200,7 +201,7 @@ class AccelerationLinearisation:
         ss += w_room * room_s**2 + y_room * rows.cruise
 
         if cells.passing is not None:
-            # linear in the waypoint's velocity: it bends nothing
+            # linear in the waypoint's velocity: no second derivative
             weighted_s = weights[2] * rows.passing_s
             ss += weighted_s * rows.passing_s
             sx[1] += weighted_s * rows.passing_x
@@ -232,20 +233,20 @@ class AccelerationLinearisation:
         self.chain = Chain(rows.times, links, matrix)
 
     def slope(self, multipliers: Array) -> Array:
-        """The largest entry of the Lagrangian's gradient, `(starts,)`."""
+        """Return the largest entry of the Lagrangian's gradient, `(starts,)`."""
         by_s, by_x, by_p = self.rows.gradients(multipliers)
         steepest_peak = np.abs(by_p).max(axis=(0, 2, 3))
         steepest = self.chain.steepest(_by_cell(by_s, by_x))
         return np.maximum(steepest, steepest_peak)
 
     def step(self, aim: Array) -> tuple[AccelerationUnknowns, Array]:
-        """The Newton step to these multipliers, and by how much it changes every row."""
+        """Return the Newton step for target multipliers, and the change of every inequality."""
         by_s, by_x, by_p = self.rows.gradients(aim)
         by_s -= self.peak_s * by_p
         by_x -= self.peak_x * by_p
         solved = self.chain.step(_by_cell(by_s, by_x))
 
-        # back: p from s and x
+        # Back substitution: p from s and x.
         ends = solved.cells[..., 1:].transpose(3, 0, 1, 2)
         x = both_sides(ends)
         s = solved.log[..., None]
@@ -254,14 +255,14 @@ class AccelerationLinearisation:
         return step, self.rows.change(step, x)
 
     def bending(self, step: AccelerationUnknowns) -> None:
-        """Unknown: clipping mends what a step misses."""
+        """Return None: clipping replaces a second-order correction."""
 
 
 def _both(by_side: Array) -> Array:
-    """The sum of both sides, seen from the upper one: `(2, 2, …)` to `(2, …)`."""
+    """Return the sum of both sides, with the signs of the upper one: `(2, 2, …)` to `(2, …)`."""
     return by_side[:, 0] - by_side[:, 1]
 
 
 def _by_cell(by_s: Array, by_x: Array) -> Array:
-    """A gradient over `s` and both ends, the sides summed, the variables on the last axis."""
+    """Return the gradient by `s` and both ends, sides summed, with variables on the last axis."""
     return np.stack([by_s.sum(axis=0), *_both(by_x)], axis=-1)

@@ -47,15 +47,16 @@ from trajopt.planners.reductions import SIMPLEST, reduced
 
 Start = tuple[Array, Array]  # segment times, waypoint velocities
 
-# Times `starts`: how many are tried where all have failed so far.
+# Largest number of initial guesses if all fail, times `starts`.
 MAX_STARTS_FACTOR = 5
 FEW_STARTS = 2  # of each of several problems
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
 DILATION_TOL = 1e-15
-# A velocity this close to its limit is put on the limit: the duration changes by the square.
+# A velocity that is closer to its limit than this is set to the limit: the duration changes by the
+# square of this.
 _LIMIT_RTOL = 1e-9
-# A joint whose mean acceleration in a segment is so close to its limit, relative, is at the limit.
+# A mean acceleration in a segment closer to its limit than this, relative, is at the limit.
 _FULL_RTOL = 1e-7
 
 
@@ -80,7 +81,7 @@ class Exact(SeveralStarts):
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best local optimum of `starts`, or of more where all of those failed.
+        """Return the best local optimum of `starts` initial guesses, or of more if all fail.
 
         `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
@@ -106,7 +107,7 @@ class Exact(SeveralStarts):
         return min(solved or found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
 
     def _solved(self, problem: Problem, _: Array | None) -> Solution:
-        """The answer for waypoints that are all exact."""
+        """Return the answer for waypoints that are all exact."""
         scaled = Passing(problem)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
@@ -128,11 +129,11 @@ class Passing(Scaled):
 
     @property
     def has_demands(self) -> bool:
-        """Whether the route asks for more than exact waypoints and rest at its ends."""
+        """Return whether the route asks for more than exact waypoints and rest at its ends."""
         return bool(self.closed or self.least.any() or self.tolerance.any())
 
     def shifted(self, offset: Array) -> Passing:
-        """The problem without tolerance whose waypoints are moved, `(waypoints, joints)`."""
+        """Return the problem without tolerance, with moved waypoints, `(waypoints, joints)`."""
         waypoints = np.array(self.problem.waypoints)
         waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
         own = copy(self)
@@ -142,7 +143,7 @@ class Passing(Scaled):
         return own
 
     def trajectory(self, times: Array, states: Any) -> Trajectory:
-        """The explicit answer: each joint's motion of least acceleration through each segment."""
+        """Return the motion of least acceleration of each joint in each segment."""
         if self.tolerance.any():
             velocities, offset = states
             return self.shifted(offset).trajectory(times, velocities)
@@ -165,7 +166,7 @@ class Passing(Scaled):
         return self.motion(constant, task.u)
 
     def within(self, velocities: Array) -> Array:
-        """Velocities within their limits; one that hardly misses its limit is at it."""
+        """Return velocities within their limits; one that is close to its limit is set to it."""
         lowest, highest = self.waypoint_v
         slowest, fastest = self.waypoint_v * (1 - _LIMIT_RTOL)
         within = np.where(velocities > fastest, highest, velocities)
@@ -210,7 +211,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
 def repair(
     times: Array, velocities: Array, scaled: Passing, largest: float = MAX_DILATION
 ) -> float:
-    """The smallest dilation that makes times and waypoint velocities exactly reachable.
+    """Return the smallest dilation that makes times and waypoint velocities reachable.
 
     Solvers meet constraints to a tolerance; dilating by `k` widens every reachable interval.
     Infinite where it were larger than the `largest`.
@@ -232,7 +233,7 @@ def repair(
 
 
 def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterator[Start]:
-    """Times and waypoint velocities to start from: stopping first, then random ones.
+    """Yield initial guesses, times and waypoint velocities: stopping first, then random ones.
 
     Args:
         scaled: the problem.
@@ -246,7 +247,7 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
     yield stopping * scaled.stop, at_rest
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
-        # between the mean velocities before and after the waypoint, times a random speed
+        # between the mean velocities before and after the waypoint, times a random factor
         mean = scaled.h / times[:, None]
         before = mean[: len(at_rest)]
         after = np.roll(mean, -1, axis=0)[: len(at_rest)]
@@ -257,12 +258,12 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
 
 
 def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
-    """The local optimum near each start, dilated until it is exactly reachable."""
+    """Return the local optimum near each initial guess, dilated until it is reachable."""
 
     def reached(rows: Any, start: int, largest_dilation: float) -> LocalOptimum | None:
         times = rows.times[start]
         ends = rows.point.ends[:, start]
-        # a joint at its limit throughout a segment: ∓A T/2 from its mean velocity
+        # A joint at its limit throughout a segment has end velocities ∓A T/2 from the mean one.
         gain = ends[1] - ends[0]
         limit = np.where(gain > 0, scaled.a[1], scaled.a[0])
         is_full = np.abs(gain / limit - 1) < _FULL_RTOL
@@ -293,7 +294,7 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
 
 
 def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
-    """IPOPT's local optimum near each start, dilated until it is exactly reachable."""
+    """Return IPOPT's local optimum near each initial guess, dilated until it is reachable."""
     from baselines.exact.acceleration import by_ipopt  # late: it needs CasADi
 
     optima = []
@@ -310,7 +311,7 @@ def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[LocalO
 def _reached(
     scaled: Passing, times: Array, velocities: Array, status: str, largest_dilation: float
 ) -> LocalOptimum | None:
-    """Times and waypoint velocities, dilated until they are exactly reachable."""
+    """Return the optimum of times and waypoint velocities, dilated until it is reachable."""
     k = repair(times, velocities, scaled, largest_dilation)
     if np.isinf(k):
         return None

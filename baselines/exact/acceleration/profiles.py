@@ -16,7 +16,7 @@ from trajopt.core.arrays import Array
 
 
 class Extremes(NamedTuple):
-    """Peaks and displacements of the upper and the lower profile, arrays of one shape."""
+    """Peak velocities and displacements of the upper and lower profiles, arrays of one shape."""
 
     p_up: Array
     d_up: Array
@@ -25,7 +25,7 @@ class Extremes(NamedTuple):
 
 
 def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> Extremes:
-    """The profiles of most and of least displacement (mathematics, section 3).
+    """Return the profiles of most and of least displacement (mathematics, section 3).
 
     Meaningful where `|w − u|` is within the acceleration limits. All arguments broadcast.
 
@@ -68,7 +68,8 @@ class Ramps(NamedTuple):
         peak: velocity of the cruise.
         first: time of the first ramp.
         last: time of the last ramp; the rest of the segment is the cruise.
-        share: of the acceleration limits that both take, 1 where the segment cannot be briefer.
+        share: share of the acceleration limits that both ramps use; 1 where the segment cannot be
+            shorter.
     """
 
     peak: Array
@@ -78,10 +79,11 @@ class Ramps(NamedTuple):
 
 
 def gentlest(u: Array, w: Array, t: Array, h: Array, v: Array, a: Array) -> Ramps:
-    """The profile of least acceleration that covers a displacement (mathematics, section 3).
+    """Return the profile of least acceleration that covers a displacement (mathematics, section 3).
 
-    It is extreme under limits of acceleration `s` times as high, `s` as low as can be: two ramps
-    with a cruise in between where the velocity limit asks for one. All arguments broadcast.
+    It is the extreme profile under `s` times the acceleration limits, with the least `s` possible:
+    two ramps, with a cruise between them if the velocity limit requires one. All arguments
+    broadcast.
 
     Args:
         u: velocity at the start.
@@ -91,7 +93,7 @@ def gentlest(u: Array, w: Array, t: Array, h: Array, v: Array, a: Array) -> Ramp
         v: velocity limits, low and high.
         a: acceleration limits, low and high.
     """
-    # seen upwards: mirrored where the motion falls behind constant acceleration
+    # Mirrored where the displacement is less than that of constant acceleration from u to w.
     beyond = h - (u + w) / 2 * t
     is_up = beyond >= 0
     side = np.where(is_up, 1.0, -1.0)
@@ -124,7 +126,7 @@ def gentlest(u: Array, w: Array, t: Array, h: Array, v: Array, a: Array) -> Ramp
         peak = np.minimum(peak, top)
         first = (peak - u) / (share * a2)
         last = (peak - w) / (share * a1)
-    # no step and no way to make up for is no ramp
+    # Without a change of velocity and without a displacement to add there is no ramp.
     first = np.clip(np.nan_to_num(first), 0.0, t)
     rest = t - first
     last = np.clip(np.nan_to_num(last), 0.0, rest)
@@ -133,11 +135,11 @@ def gentlest(u: Array, w: Array, t: Array, h: Array, v: Array, a: Array) -> Ramp
 
 
 def straightest(u: Array, w: Array, t: Array, h: Array, a: Array) -> tuple[Array, Array, Array]:
-    """The profile of full acceleration to a cruise that covers a displacement, and from it.
+    """Return the profile of full acceleration to a cruise, and from it, over a displacement.
 
-    No motion between these velocities strays less: it overshoots its start by `u²/(2 A)` and its
-    end by `w²/(2 A)` where it cannot stop before, and goes straight from one to the other. All
-    arguments broadcast.
+    It has the least overshoot of all motions between these velocities: `u²/(2 A)` beyond its start
+    and `w²/(2 A)` beyond its end, where it cannot stop earlier, and it is monotone between these.
+    All arguments broadcast.
 
     Args:
         u: velocity at the start.
@@ -151,12 +153,12 @@ def straightest(u: Array, w: Array, t: Array, h: Array, a: Array) -> tuple[Array
     """
     a1 = -a[0]
     a2 = a[1]
-    # from the mean velocity: then the displacement is 0
+    # Velocities are counted from the mean one, so the displacement is 0.
     mean = h / np.where(t > 0, t, 1.0)
     u = u - mean
     w = w - mean
     with np.errstate(divide="ignore", invalid="ignore"):
-        # a cruise between u and w takes A T − d from p T, and adds d (u + w)/2
+        # A cruise at p between u and w: p (A T − d) + d (u + w)/2 = 0, with d = |w − u|.
         step = np.abs(w - u)
         limit = np.where(w > u, a2, a1)
         spare = limit * t - step
@@ -179,9 +181,9 @@ def straightest(u: Array, w: Array, t: Array, h: Array, a: Array) -> tuple[Array
 
 
 def _cruise_above(u: Array, w: Array, t: Array, a1: Array, a2: Array) -> Array:
-    """The cruise that makes up for ramps from `u` up to it, and down to `w`, over no displacement.
+    """Return the cruise velocity `p` above `u` and `w` at which the displacement is 0.
 
-    `p T = (p − u)²/(2 A2) + (p − w)²/(2 A1)`, the smaller root.
+    The smaller root of `p T = (p − u)²/(2 A2) + (p − w)²/(2 A1)`.
     """
     square = (1 / a1 + 1 / a2) / 2
     linear = t + u / a2 + w / a1

@@ -1,17 +1,17 @@
 """The jerk-limited motion through the waypoint states of an optimum (mathematics, section 4).
 
-In a segment a joint may take any convex combination of its two extreme profiles that covers the
-displacement. The motion has the accelerations of that combination at its breaks and is straight
-between them: so it keeps the limits of jerk and acceleration wherever the breaks are. A smooth
-change of acceleration makes up for what the breaks cost, or else what a linear program finds.
-
-All joints of a segment share its breaks. A joint for which two even ones suffice needs no others.
-The rest need those at which their profiles change their jerk. A break close to another one is left
-out where the motion keeps its limits without it.
-
-The barrier keeps off waypoint states at which a phase vanishes, and leaves brief phases there. So
-the states settle first: an acceleration that is close to the level that it is to reach becomes that
-level, and what is close to its limit becomes the limit.
+1. *States.* The barrier of the interior point keeps away from waypoint states at which a phase
+   vanishes, so short phases remain there. They are removed first: an acceleration that is close to
+   the level of its ramp becomes that level, and a state that is close to its limit becomes the
+   limit.
+2. *Accelerations.* Each joint takes the convex combination of its two extreme profiles that covers
+   the displacement. The motion has the accelerations of that combination at its breaks, and they
+   are linear in between. So it keeps the limits of jerk and acceleration wherever the breaks are.
+3. *Corrections.* Since it is linear in between, it misses the next waypoint a little. A smooth
+   change of acceleration corrects that, or one that a linear program finds.
+4. *Breaks.* All joints of a segment share its breaks. For many joints two evenly spaced ones are
+   enough. The others need breaks where their profiles change their jerk. A break close to another
+   one is removed if the motion keeps its limits without it.
 """
 
 from __future__ import annotations
@@ -29,25 +29,27 @@ from baselines.exact.method.segments import MOST, Segments
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 
-# An extreme profile whose displacement is so close, relative to what limits allow, is alone.
+# Where the extreme displacements are closer than this, relative to what the limits allow, one of
+# the profiles is taken alone.
 TIGHT_RTOL = 1e-11
-# Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
+# Phases that are removed from states, relative to the longest ramp; and the slack this may cost.
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
 # Rounding of a phase, as a share of its segment's time.
 ROUNDING = 4e-15
-# A state so close to its limit, relative, settles there.
+# A state closer to its limit than this, relative, becomes the limit.
 NEAR_RTOL = 1e-4
 NEWTON_STEPS = 2
-EVEN = 2  # evenly spaced inner breaks of a segment
-# A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
+EVEN = 2  # number of evenly spaced inner breaks of a segment
+# A break is removed if that costs less velocity than jerk gains in this share of a ramp.
 LEAST_RTOL = 7e-6
-# A break closer to another one, relative to the segment's briefest full ramp, may be left out.
+# Breaks closer than this to another one, relative to the segment's shortest full ramp, are tried.
 CLOSE_RTOL = 1e-2
 # Share of a jerk limit that the last place of a velocity may cost in a segment.
 BRIEF_USE = 1e-9
-# Of a segment with a waypoint left out: a joint of a smaller share of the largest step does not say
-# when it is passed; one with a smaller share of its reach as slack does not bend.
+# In a segment with a waypoint left out: a joint whose step is a smaller share of the largest one
+# does not determine when the waypoint is passed, and one with less slack, relative to its reachable
+# displacements, keeps its motion.
 LEAST_MOVE = 1e-2
 LEAST_SLACK = 1e-7
 LEADER_STEPS = 4
@@ -58,14 +60,14 @@ class Reachable(Scaled):
     """A problem without units, and the motions of its optima.
 
     Attributes:
-        left_out: a waypoint that was left out of each segment, rad, `(segments, joints)`; not a
-            number where none was.
+        left_out: one of the waypoints left out of each segment, rad, `(segments, joints)`; NaN
+            where there is none.
     """
 
     left_out: Array | None = None
 
     def trajectory(self, times: Array, states: JerkUnknowns) -> Trajectory:
-        """The motion of an optimum.
+        """Return the motion of an optimum.
 
         Args:
             times: of the segments, `(segments,)`.
@@ -77,7 +79,7 @@ class Reachable(Scaled):
 
 
 def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Pieces, Array]:
-    """The motion with the fewest breaks that suffice.
+    """Return the motion of an optimum, with few breaks.
 
     Returns:
         The pieces of every segment, `(pieces, segments, joints)`, the last ones of no length, and
@@ -111,10 +113,11 @@ def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Piec
 
 
 def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array]:
-    """Velocities at the start and at the end of each segment, `(segments, joints)` each.
+    """Return the velocities at the start and at the end of each segment, `(segments, joints)` each.
 
-    They are the waypoints'. In a segment so brief that the last place of a velocity is worth some
-    jerk they are its own: what they differ by, the long segments beside it make up for.
+    They are the waypoints' velocities. In a segment so short that a unit in the last place of a
+    velocity would cost a noticeable jerk they are the segment's own; the long segments beside it
+    take up the difference.
     """
     velocity = with_outer(scaled.velocities(times, ends), scaled.end_v, scaled.closed)
     t = times[:, None]
@@ -127,13 +130,13 @@ def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array
 
 
 def _lengths(breaks: Array, limits: _AllowedMotion) -> Array:
-    """The times between breaks, `(pieces, segments, 1)`."""
+    """Return the times between breaks, `(pieces, segments, 1)`."""
     shares = np.diff(breaks, axis=0)
     return shares[..., None] * limits.times
 
 
 def _cut(gentle: Pieces, breaks: Array, limits: _AllowedMotion) -> Pieces:
-    """Even pieces, cut at other breaks among theirs."""
+    """Return evenly spaced pieces, cut at further breaks that include theirs."""
     count = EVEN + 1
     which = np.minimum(count * breaks, EVEN).astype(int)
     every = np.arange(breaks.shape[1])
@@ -144,7 +147,7 @@ def _cut(gentle: Pieces, breaks: Array, limits: _AllowedMotion) -> Pieces:
 
 
 class _AllowedMotion(NamedTuple):
-    """The motion that limits allow in the segments.
+    """Largest changes that the limits allow in each segment.
 
     Attributes:
         times: of the segments, `(segments, 1)`.
@@ -180,7 +183,7 @@ class _AllowedMotion(NamedTuple):
 def _bent(
     rows: JerkInequalities, limits: _AllowedMotion, scaled: Reachable, left_out: Array
 ) -> JerkInequalities:
-    """The cells with states whose motion bends towards the waypoints that were left out.
+    """Return the program with states whose motion bends towards waypoints that were left out.
 
     In the brief segment of such a waypoint acceleration is constant. Joints with slack take the one
     with which they pass it when the joint of least slack does, where the segments beside allow it.
@@ -220,7 +223,7 @@ def _bent(
 
 
 def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities:
-    """The cells with states that leave no brief phase at the waypoints, where none loses reach.
+    """Return the program with states without short phases, where no cell becomes unreachable.
 
     Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
     """
@@ -232,7 +235,7 @@ def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities
             after = _settling(after, limits, chosen)
         rounding = SETTLED_RTOL * limits.gained
         least = np.minimum(rows.reach, 0.0) - rounding
-        # a ramp of negative length is out of reach
+        # A ramp of negative length means that the state is not reachable.
         negative = after.profiles.first < -limits.vanished
         is_used = _shares(after, limits) > 0
         is_spoilt = is_used & negative.any(axis=0)
@@ -248,7 +251,7 @@ def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities
 
 
 def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> JerkInequalities:
-    """The cells after a step of Newton's method at some of the waypoints."""
+    """Return the program after a step of Newton's method at some of the waypoints."""
     cells = rows.cells
     first = rows.profiles.acceleration
     _, _, velocity, acceleration = rows.point
@@ -266,7 +269,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     least = np.abs(wanted).argmin(axis=0)[None]
     (change,) = np.take_along_axis(wanted, least, axis=0)
     free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0), cells.closed)
-    # a brief ramp below the velocity limit would lead to a dip
+    # At a velocity limit a short ramp would leave a dip: velocity and acceleration are set to it.
     fastest, is_fast = _nearest(velocity, cells.scaled.waypoint_v, limits)
     steepest, is_steep = _nearest(acceleration, sides, limits)
     cases = [~chosen, is_fast, is_steep, free, np.isfinite(change)]
@@ -277,7 +280,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
 
 
 def _nearest(values: Array, sides: Array, limits: _AllowedMotion) -> tuple[Array, Bools]:
-    """The limit on each value's own side, and whether the value is close to it."""
+    """Return the limit on each value's side, and whether the value is close to it."""
     low, high = sides
     limit = np.where(values > 0, high, low)
     room = np.abs(limit - values)
@@ -286,7 +289,7 @@ def _nearest(values: Array, sides: Array, limits: _AllowedMotion) -> tuple[Array
 
 
 def _moved(rows: JerkInequalities, velocity: Array, acceleration: Array) -> JerkInequalities:
-    """The cells between other states."""
+    """Return the program with other waypoint states."""
     point = rows.point
     change = at_ends(velocity - point.velocity, closed=rows.cells.closed)
     ends = point.ends + change / rows.t
@@ -294,7 +297,7 @@ def _moved(rows: JerkInequalities, velocity: Array, acceleration: Array) -> Jerk
 
 
 def _beside(cells: Array, closed: bool) -> Array:
-    """Values at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, by waypoint."""
+    """Return values at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, by waypoint."""
     start, end = cells
     if closed:
         return np.concatenate([end, np.roll(start, -1, axis=2)])
@@ -304,7 +307,7 @@ def _beside(cells: Array, closed: bool) -> Array:
 
 
 def _of_both_cells(cells: Bools, closed: bool) -> Bools:
-    """At which waypoints with a state of their own this is true of both cells."""
+    """Return the waypoints with a state of their own where this holds for both cells."""
     if closed:
         return np.asarray(cells & np.roll(cells, -1, axis=1))
     before = cells[:, :-1]
@@ -313,7 +316,10 @@ def _of_both_cells(cells: Bools, closed: bool) -> Bools:
 
 
 def _shares(rows: JerkInequalities, limits: _AllowedMotion) -> Array:
-    """Shares of both profiles that cover the displacement, `(2 sides, 1, segments, joints)`."""
+    """Return the shares of both profiles that cover the displacement.
+
+    `(2 sides, 1, segments, joints)`.
+    """
     is_tight = rows.reach <= TIGHT_RTOL * limits.gained
     high, low = np.where(is_tight, 0.0, rows.reach)
     share = low / np.maximum(high + low, TINY)
@@ -335,7 +341,7 @@ class _KnottedProfiles(NamedTuple):
 
     @classmethod
     def of(cls, rows: JerkInequalities, limits: _AllowedMotion) -> Self:
-        """The profiles of these cells."""
+        """Return the profiles of these cells."""
         cells = rows.cells
         profiles = rows.profiles
         rises = profiles.rises
@@ -345,7 +351,7 @@ class _KnottedProfiles(NamedTuple):
         peaks = np.array([peak, -peak])
         last = profiles.limits.down * (rises - peaks)
         own = np.array([profiles.first, profiles.hold, last])
-        # a phase that has settled is rounding
+        # A phase that was removed from the state has a length of rounding.
         phases = np.where(own < limits.vanished, 0.0, own)
         moving = _in_order(phases, phases)
         cruise = profiles.cruise[:, 0]
@@ -357,14 +363,14 @@ class _KnottedProfiles(NamedTuple):
         return cls(knots, _in_order(levels, -levels), shares)
 
     def breaks(self) -> Array:
-        """The ends of phases within segments, or not a number, `(16, segments, joints)`."""
+        """Return the ends of phases within segments, NaN elsewhere, `(16, segments, joints)`."""
         is_inside = (self.knots > 0) & (self.knots < 1)
         is_used = is_inside & (self.shares > 0)
         breaks = np.where(is_used, self.knots, np.nan)
         return breaks.reshape(-1, *breaks.shape[2:])
 
     def pieces(self, breaks: Array, limits: _AllowedMotion) -> Pieces:
-        """The motion with the accelerations of these profiles at breaks, `(breaks, segments)`.
+        """Return the motion with the profiles' accelerations at breaks, `(breaks, segments)`.
 
         Without a jerk limit they jump: each piece has that in its middle.
         """
@@ -374,8 +380,8 @@ class _KnottedProfiles(NamedTuple):
         return Pieces.between(_lengths(breaks, limits), at_breaks, within, limits.jerky)
 
     def _levels(self, times: Array) -> Array:
-        """Accelerations at shares of the segments' times, `(times, segments, joints)`."""
-        # which phase of each profile it is
+        """Return accelerations at shares of the segments' times, `(times, segments, joints)`."""
+        # the index of the phase of each profile
         passed = self.knots[1:-1] <= times[:, None, None, :, None]
         phase = passed.sum(axis=1)
         start = np.take_along_axis(self.knots, phase, axis=0)
@@ -386,20 +392,20 @@ class _KnottedProfiles(NamedTuple):
         length = end - start
         share = quotient(since, length, length > 0)
         change = share * (high - low)
-        # there may be no such profile
+        # One of both profiles may not exist.
         parts = np.nan_to_num(self.shares * (low + change))
         return np.asarray(parts.sum(axis=1))
 
 
 def _in_order(from_start: Array, from_end: Array) -> Array:
-    """Values from both ends inwards, `(…, 2 ends, 2 sides, 1, segments, joints)`, on one axis."""
+    """Return values of both ends, each ordered inwards, on one axis in the order of time."""
     start = from_start[:, 0, :, 0]
     end = from_end[:, 1, :, 0]
     return np.concatenate([start, end[::-1]])
 
 
 def _knots(phases: Array) -> Array:
-    """The ends of phases, and 0: the longest phase takes what the others leave of the time 1."""
+    """Return 0 and the ends of the phases; the longest phase takes the rest of the time 1."""
     from_start = summed(0.0, phases)
     left = summed(0.0, phases[::-1])
     from_end = 1 - left[::-1]
@@ -412,7 +418,7 @@ def _knots(phases: Array) -> Array:
 def _breaks(
     profiles: _KnottedProfiles, limits: _AllowedMotion, even: Array, needs_own: Bools
 ) -> Array:
-    """The breaks of all joints of a segment, shares of its time, `(breaks, segments)`.
+    """Return the breaks of all joints of a segment, shares of its time, `(breaks, segments)`.
 
     They end with ones, where a segment has fewer than others.
     """
@@ -431,7 +437,7 @@ def _breaks(
 
 
 def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[float]:
-    """Breaks of a segment without pieces so short that a longer one costs next to nothing.
+    """Return a segment's breaks, without those whose removal costs next to nothing.
 
     Without a break its joint is faster by half its change of jerk times the times to the breaks
     before and after. So one that follows another one closely may move away from it. `wanted` holds

@@ -1,9 +1,9 @@
-"""Problems with tiny steps in line: solved without the waypoints that rounding may miss.
+"""Problems with tiny steps in line: solved without waypoints that may be missed by rounding.
 
-Without the waypoints that may be spared (`trajopt.core.resolution`; mathematics, section 7) a
-problem is a relaxation. Where its motion passes them all, within the rounding of coordinates, it is
-the answer to the whole problem. Of those that it misses the worst one between two others is put
-back, and so on.
+Such a waypoint lies between two short steps in line (`trajopt.core.resolution`; mathematics,
+section 7). Without these waypoints the problem is a relaxation. If its motion passes all of them
+within the rounding of coordinates, it is the answer to the whole problem. Otherwise, between each
+two remaining waypoints, the one that is missed most is put back, and the problem is solved again.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from trajopt.judging.passing import misses
 from trajopt.judging.verification import verify
 
 MAX_ATTEMPTS = 4  # before the whole problem is solved
-# An answer that is so close to the relaxation's, relative, is as good; so close, it is good enough.
+# Excess over the relaxation's duration, relative: below the first one no further attempt is made,
+# below the second one the whole problem is not solved.
 SAME_RTOL = 1e-9
 NEAR_RTOL = 1e-6
-MISS = 0.25  # roundings of coordinates; a waypoint that is missed by more may be put back
+MISS = 0.25  # in roundings of coordinates: a waypoint that is missed by more may be put back
 NEWTON_STEPS = 8
 
 
@@ -38,9 +39,9 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     Args:
         problem: Without consecutive identical waypoints.
         known: The problem without the limits that the answers ignore.
-        solve: Answers a problem all of whose waypoints are exact. Its second argument is a waypoint
-            that was left out of each segment, rad, `(segments, joints)`, not a number where none
-            was; or None.
+        solve: Solves a problem whose waypoints are all exact. Its second argument has one of the
+            waypoints left out of each segment, rad, `(segments, joints)`, NaN where there is none;
+            or it is None.
 
     Returns:
         The answer of the shortest certified duration. Its message says by how much that is above
@@ -93,7 +94,7 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
 
 
 def _middles(problem: Problem, missing: Bools) -> Array:
-    """The middle one of the waypoints that are missing in each segment, `(segments, joints)`."""
+    """Return the middle waypoint of those left out of each segment, `(segments, joints)`."""
     at = np.flatnonzero(~missing)
     middles = (at[:-1] + at[1:]) // 2
     is_missing = missing[middles]
@@ -101,13 +102,14 @@ def _middles(problem: Problem, missing: Bools) -> Array:
 
 
 def _certified(known: Problem, motion: Trajectory) -> float:
+    """Return the certified duration, s; infinite where there is none."""
     return verify(known, motion).certified_duration or np.inf
 
 
 def _timed(problem: Problem, motion: Trajectory, kept: Bools) -> Trajectory:
-    """The motion through some waypoints, with the times at which it comes nearest to the others.
+    """Return the motion with a time for every waypoint: where it is nearest to those left out.
 
-    Between two waypoints the speed hardly changes: Newton's method finds them.
+    Newton's method finds these times. It converges since the speed hardly changes in between.
     """
     numbers = np.arange(len(kept))
     at = np.flatnonzero(kept)
@@ -123,7 +125,7 @@ def _timed(problem: Problem, motion: Trajectory, kept: Bools) -> Trajectory:
 
 
 def _ahead(problem: Problem, motion: Trajectory, times: Array) -> Array:
-    """How much later than nearest to each waypoint these times are, s, `(waypoints,)`."""
+    """Return Newton's step to the nearest point to each waypoint, s, `(waypoints,)`."""
     rounding = np.maximum(problem.rounding, np.finfo(float).tiny)
     away = (motion(times) - problem.waypoints) / rounding
     velocity = motion(times, 1) / rounding

@@ -39,10 +39,10 @@ def without_ipopt(solver: str, problem: Problem, knows: Sequence[str] = ()) -> s
 
 
 class LocalOptimum(NamedTuple):
-    """The local optimum of one start, exactly reachable.
+    """The local optimum from one initial guess, exactly reachable.
 
     Attributes:
-        duration: in the problem's own unit of time; infinite where that failed.
+        duration: in the problem's own unit of time; infinite where there is no optimum.
         times: of the segments, in that unit, `(segments,)`.
         states: of the waypoints, without units, as `Reaching.trajectory` takes them.
         status: `Converged`, or IPOPT's own word.
@@ -66,7 +66,10 @@ class Reaching(Protocol):
 
 @dataclass(frozen=True)
 class SeveralStarts(Planner):
-    """A planner of local optima: at most `starts`, no more once `agreeing` of them are the best.
+    """A planner that returns the best of several local optima.
+
+    It tries at most `starts` initial guesses, and stops when `agreeing` of them share the shortest
+    duration.
 
     Kinds of limits that it does not know are ignored: with them the answer is `RELAXED`.
     """
@@ -75,7 +78,8 @@ class SeveralStarts(Planner):
     agreeing: int = 2
 
     requires = ("scipy.linalg", "scipy.optimize")
-    # Seconds of a start for each cell (a joint in a segment): alone, and times joints squared.
+    # CPU seconds of an initial guess for each segment and joint: a constant, and a factor of the
+    # number of joints squared.
     seconds = (2e-4, 3e-9)
 
     def __post_init__(self) -> None:
@@ -85,13 +89,13 @@ class SeveralStarts(Planner):
                 raise InvalidInput(name, "at least 1", value=value)
 
     def relation(self, problem: Problem) -> Relation:
-        """With limits that are ignored, of joints that move, it solves a relaxation."""
+        """Return `RELAXATION` if limits of joints that move are ignored."""
         if self.joins_segments(problem):
             return Relation.RESTRICTION
         return Relation.RELAXATION if self.unknown(SIMPLEST.apply(problem)) else Relation.SAME
 
     def announce(self, planner: str, problem: Problem) -> None:
-        """Say about how long it will take, if that is long."""
+        """Log an estimate of the time that it will take, if that is long."""
         alone, by_pairs = self.seconds
         a_cell = alone + by_pairs * problem.moving.sum() ** 2
         a_start = a_cell * cells(problem)

@@ -1,4 +1,4 @@
-"""A problem without units: what every method of this folder solves."""
+"""A problem without units: the form in which both exact programs solve it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
 
-# A briefer piece is left out wherever limits allow that, s.
+# Shorter pieces are removed wherever the limits allow it, s.
 BRIEF_PIECE_S = 1e-6
 # Times that a joint which begins or ends in motion may take more, in times of stopping.
 _RETURNS = 3.0
@@ -80,7 +80,7 @@ class Scaled:
         self.least = least / unit
         tolerance = route.demand("tolerance")
         self.tolerance = tolerance[1 : None if self.closed else -1, moving] / q_unit
-        # T >= h / V2 forwards, T >= h / (-V1) backwards
+        # T ≥ h / V2 forwards, T ≥ h / (−V1) backwards
         self.shortest = (self.h / self.v).max(axis=(0, 2))
         self.waypoint_v = self._of_both_segments(self.v)
         self.waypoint_a = self._of_both_segments(self.a)
@@ -95,9 +95,9 @@ class Scaled:
         return np.array([lows, highs])[:, : None if self.closed else -1]
 
     def velocities(self, times: Array, ends: Array) -> Array:
-        """Velocities at the inner waypoints, `(segments - 1, joints)`.
+        """Return the velocities at the inner waypoints, `(segments - 1, joints)`.
 
-        Of a waypoint's two segments the briefer one says them: rounding matters most to it.
+        Of a waypoint's two segments the shorter one determines them: rounding matters most there.
 
         Args:
             times: of the segments, `(segments,)`.
@@ -113,7 +113,7 @@ class Scaled:
         return np.where(is_briefer, last[:-1], first[1:])
 
     def motion(self, pieces: Pieces, velocity: Array) -> Trajectory:
-        """The motion of these pieces, of degree 2 where none has a jerk.
+        """Return the motion of these pieces, of degree 2 where none has a jerk.
 
         Args:
             pieces: of every segment, `(pieces, segments, joints)`; some may have no length.
