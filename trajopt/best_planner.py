@@ -94,10 +94,17 @@ def best(problem: Problem, seed: int) -> Best:
         trial=trials[chosen],
         relaxed=relaxed,
         proved=proved,
-        stopping=None if problem.limits.others else float(stop_times(problem).sum()),
+        stopping=_stopping(problem),
         record=record,
         left_out=left_out[chosen],
     )
+
+
+def _stopping(problem: Problem) -> float | None:
+    """The duration of stopping at every waypoint, s; None where that is not all that is asked."""
+    if problem.limits.others or problem.demands:
+        return None
+    return float(stop_times(problem).sum())
 
 
 def plan(problem: Problem | str | Path, planner: object = None, *, seed: int = 0) -> Trial:
