@@ -1,7 +1,7 @@
 """Which gap to the best known motion does each planner leave, suite by suite?
 
     python -m experiments.gaps                       # every suite, an hour of one core
-    python -m experiments.gaps --also spline         # a planner that runs on request
+    python -m experiments.gaps --planner spline      # another planner, or some of them
     python -m experiments.gaps --quick               # six-axis alone
 
 It runs the planners that `trajopt compare` runs by default, with their default options, on every
@@ -76,7 +76,7 @@ def cell(row: Any) -> str:
 def main(
     *,
     suite: list[str] | None = None,
-    also: list[str] | None = None,
+    planner: list[str] | None = None,
     output: Path = Path("gaps"),
     jobs: int = 2,
     quick: bool = False,
@@ -85,13 +85,13 @@ def main(
 
     Args:
         suite: Names of suites; all if left out.
-        also: Planners that run on request.
+        planner: Names of planners; by default those that `planners` returns.
         output: The folder.
         jobs: Trials side by side.
         quick: The suite six-axis alone.
     """
     table: dict[str, pd.Series[str]] = {}
-    names = sorted([*planners(), *(also or [])])
+    names = planner or planners()
     if quick:
         suite = ["six-axis"]
     for name in suite or catalogue.suites():
