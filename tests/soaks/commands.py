@@ -25,7 +25,7 @@ MAIN_JOB = ("compare", "six-axis", "--prove")
 
 
 def measured(command: str, folder: Path, seeds: int) -> dict[str, float]:
-    """Seconds that the three take, the first into a fresh folder."""
+    """Return the wall times of the three tasks, s, the first into a fresh folder."""
     shutil.rmtree(folder, ignore_errors=True)
     compare = (*MAIN_JOB, "--seeds", str(seeds), "--output", str(folder))
     return {
@@ -36,7 +36,7 @@ def measured(command: str, folder: Path, seeds: int) -> dict[str, float]:
 
 
 def timed(command: str, *arguments: str) -> float:
-    """Wall time of a command, s.
+    """Return the wall time of a command, s.
 
     Raises:
         CalledProcessError: where it fails.
@@ -47,7 +47,7 @@ def timed(command: str, *arguments: str) -> float:
 
 
 def medians(rounds: Sequence[dict[str, dict[str, float]]]) -> pd.DataFrame:
-    """A line per task: each command's median, s, and the others' ratio to the first's."""
+    """Return a row per task: each command's median, s, and the ratios to the first command."""
     table = pd.DataFrame()
     first, *others = rounds[0]
     for command in rounds[0]:

@@ -65,7 +65,7 @@ PLANNERS = ("pso:iterations=20,population=5", "unoptimised", "ruckig-stop", "top
 
 
 def template(folder: Path) -> Path:
-    """A results folder of four planners on one problem."""
+    """Make a results folder of four planners on one problem."""
     store = Store(folder)
     problem = catalogue.load("one-joint")
     for spec in PLANNERS:
@@ -78,18 +78,18 @@ def template(folder: Path) -> Path:
 
 
 def odd_text(text: bytes, rng: Rng) -> bytes:
-    """What an accident does to any text, and a seal over it."""
+    """Change a text as an accident does, and seal it again."""
     return resealed(changed(text, rng))
 
 
 def resealed(text: bytes) -> bytes:
-    """A text whose lines after the checksum were changed, sealed again."""
+    """Return a text whose lines after the checksum were changed, sealed again."""
     *_, body = text.split(b"\n", 3)
     return seal(body)
 
 
 def odd_json(text: bytes, rng: Rng) -> bytes:
-    """Something in it is made something else."""
+    """Replace one value of the text by another one."""
     table = _mutated(_table(text), rng)
     try:
         return sealed(table if isinstance(table, dict) else {"id": table})
@@ -118,7 +118,7 @@ def _mutated(value: Any, rng: Rng) -> Any:
 
 
 def deep(text: bytes, rng: Rng) -> bytes:
-    """Options nested beyond what a parser's stack holds."""
+    """Nest options deeper than a parser's stack."""
     depth = int(rng.choice([50, 900, 100_000]))
     options = b"[" * depth + b"]" * depth
     changed = re.sub(rb'"options": .*', b'"options": {"x": ' + options + b"},", text)
@@ -126,7 +126,7 @@ def deep(text: bytes, rng: Rng) -> bytes:
 
 
 def high_degree(text: bytes, rng: Rng) -> bytes:
-    """Roots of a polynomial of degree 20 000 take gigabytes."""
+    """Add a polynomial of degree 20,000, whose roots would take gigabytes."""
     table = _table(text)
     ends = [0.0, 1.0]
     rows = [[[1.0]]] * 20_001
@@ -181,13 +181,13 @@ def another_shape(file: h5py.File, rng: Rng, secret: Path) -> None:
 
 
 def huge_fill(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """A terabyte of which the file holds nothing."""
+    """Declare a dataset of a terabyte that the file does not hold."""
     sizes = [1 << int(rng.integers(10, 28)), *_CHUNKED["chunks"]]
     _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(drawn(sizes, rng),), compression=1)
 
 
 def bomb(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """Half a gigabyte of one byte, deflated to half a megabyte, in honest chunks."""
+    """Add half a gigabyte of one byte, compressed to half a megabyte, in valid chunks."""
     (chunk,) = _CHUNKED["chunks"]
     size = 2000 * chunk
     _replaced(file, shape=(size,), dtype="u1", **_CHUNKED)
@@ -198,7 +198,7 @@ def bomb(file: h5py.File, rng: Rng, secret: Path) -> None:
 
 
 def inflating_chunk(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """A chunk stored as what inflates to 400 MB."""
+    """Add a chunk that inflates to 400 MB."""
     _replaced(file, shape=(4,), dtype="u1", **_CHUNKED)
     file["texts"].id.write_direct_chunk((0,), _deflated_zeros(400))
 
@@ -213,7 +213,7 @@ def _deflated_zeros(megabytes: int) -> bytes:
 
 
 def elsewhere(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """The texts are missing, or lie in another place, perhaps of another file."""
+    """Remove the texts, or move them to another place, perhaps of another file."""
     size = len(SECRET)
     other = secret.with_suffix(".h5")
     del file["texts"]
@@ -261,7 +261,7 @@ CRAFTS: tuple[Craft, ...] = (*TEXT_CRAFTS, *FILE_CRAFTS)
 
 
 def crafted(folder: Path, work: Path, craft: Craft, rng: Rng) -> Path:
-    """A forged file: a `results.h5`, or as often a trial's text where only that is crafted."""
+    """Return a forged file: a `results.h5`, or in half of the cases a trial's text."""
     if craft in FILE_CRAFTS:
         return _crafted_file(folder, work, lambda file, secret: craft(file, rng, secret))
     texts = [path.read_bytes() for path in sorted(folder.glob("trials/*.json"))]
@@ -293,7 +293,7 @@ def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], N
 
 
 def corrupted(folder: Path, work: Path, rng: Rng) -> Path:
-    """A `results.h5` with bits flipped, a block overwritten, moved or cut off."""
+    """Return a `results.h5` with bits flipped, or a block overwritten, moved or cut off."""
     path = work / "results.h5"
     path.write_bytes(changed((folder / "results.h5").read_bytes(), rng))
     return path

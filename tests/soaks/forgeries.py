@@ -78,7 +78,7 @@ class Forgery:
 
 
 def forgeries(problem: str) -> list[Forgery]:
-    """Every forgery of every family, of one built-in problem's record."""
+    """Return every forgery of every family, of one built-in problem's record."""
     honest = record(problem)
     found = []
     for family, title in FAMILIES.items():
@@ -107,7 +107,7 @@ def record(problem: str) -> Said:
 
 
 def text(said: Said) -> str:
-    """As a sealed text, with what is no JSON where it is asked for."""
+    """Return the record as a sealed text; a value may be one that JSON does not have."""
     stats = {}
     for name, rows in said["proof"].items():
         shape = np.array(rows, dtype=object).shape
@@ -122,7 +122,7 @@ def text(said: Said) -> str:
 
 
 def changed(honest: Said, **tables: Any) -> Said:
-    """The honest proof with other tables, asked about three times the best known duration."""
+    """Return the honest proof with other tables, claimed for three times the best duration."""
     said = deepcopy(honest)
     cutoff = CLAIMED * said["certificate"]["duration"]
     said["solution"]["lower_bound"] = cutoff
@@ -132,7 +132,7 @@ def changed(honest: Said, **tables: Any) -> Said:
 
 
 def one_leaf(honest: Said, **tables: Any) -> Said:
-    """A proof of nothing but one leaf without a row, with other tables."""
+    """Return a proof of one leaf without inequalities, with other tables."""
     said = changed(honest)
     proof = said["proof"]
     for name in proof.keys() - {"units", "cutoff"}:
@@ -145,7 +145,7 @@ def one_leaf(honest: Said, **tables: Any) -> Said:
 def one_row(
     honest: Said, cells: Sequence[Any], multiplier: float, time_unit: float, length_unit: float
 ) -> Said:
-    """A leaf with one row of costates: of the segment and joint that go farthest upwards."""
+    """Return a leaf with one inequality of costates, of the largest upward displacement."""
     places = np.array(honest["problem"]["waypoints"])
     ways = np.diff(places, axis=0)
     ways = ways[:, np.ptp(places, axis=0) > 0]
@@ -161,20 +161,20 @@ def one_row(
 
 
 def _box_rows(honest: Said, segments: int, joints: int) -> int:
-    """The cut-off's, the secants', and McCormick's of joints with jerk limits."""
+    """Return the number of inequalities of a box: cut-off, secants, and McCormick's."""
     jerky = joints if "jerk" in honest["problem"]["limits"] else 0
     return 1 + 2 * segments + 8 * (segments - 1) * jerky
 
 
 def with_first(honest: Said, table: str, column: int, value: Any) -> Said:
-    """The first row of a table with another number."""
+    """Return a table whose first row has another number."""
     said = changed(honest)
     said["proof"][table][0][column] = value
     return said
 
 
 def listed(family: str, honest: Said) -> Iterator[Named]:
-    """The forgeries of one row that the file lists."""
+    """Return the forgeries of one inequality that the file lists."""
     time_unit = honest["proof"]["units"][0]
     for own, name, said, multiplier, exponent in _lines(ATTACKS["one_rows"]):
         if own == family:
@@ -184,7 +184,7 @@ def listed(family: str, honest: Said) -> Iterator[Named]:
 
 
 def _cells(said: str) -> list[list[float]]:
-    """Cells, as JSON or as "thirds λ p q"."""
+    """Return costate cells from JSON, or from "thirds λ p q"."""
     if not said.startswith("thirds"):
         rows: list[list[float]] = json.loads(said)
         return rows
@@ -217,7 +217,7 @@ def operated(rows: Any, operation: str, *numbers: float) -> Any:
 
 
 def one_change(honest: Said, table: str, operation: str) -> Said:
-    """The proof with a table after an operation, as the file writes it."""
+    """Return the proof with a table after an operation, as the file writes it."""
     word, *numbers = operation.split()
     said = changed(honest)
     said["proof"][table] = operated(said["proof"][table], word, *map(float, numbers))
@@ -225,7 +225,7 @@ def one_change(honest: Said, table: str, operation: str) -> Said:
 
 
 def listed_changes(family: str, honest: Said) -> Iterator[Named]:
-    """The forgeries of one table that the file lists."""
+    """Return the forgeries of one table that the file lists."""
     for own, name, table, operation in _lines(ATTACKS["changes"]):
         if own == family:
             yield name, one_change(honest, table, operation)
@@ -294,7 +294,7 @@ def odd_rows(honest: Said) -> Iterator[Named]:
 
 
 def _lines(table: str) -> Iterator[list[str]]:
-    """A table's lines, column by column."""
+    """Return a table's lines, column by column."""
     for line in table.strip().splitlines():
         yield [column.strip() for column in line.split("|")]
 
@@ -392,7 +392,7 @@ def judged(forgery: Forgery) -> dict[str, object]:
 
 
 def confirmed(forgery: Forgery) -> bool:
-    """Return whether the independent script believes it."""
+    """Return whether `check_proof.py` believes a forgery."""
     command = [sys.executable, "-I", str(SCRIPT)]
     ran = subprocess.run(command, input=forgery.text, text=True, capture_output=True, check=False)
     return ran.returncode == 0

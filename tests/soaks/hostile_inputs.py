@@ -39,13 +39,13 @@ REFUSED = 2  # exit code
 
 @cache
 def _template() -> tuple[Path, pd.DataFrame]:
-    """A results folder, made once in each child, and its true numbers."""
+    """Return a results folder, made once in each process, and its true numbers."""
     folder = forged_results.template(Path(tempfile.mkdtemp(prefix="hostile-")))
     return folder, forged_results.true_numbers(folder)
 
 
 def one(seed: int, mutated: bool) -> dict[str, Any]:
-    """A row of the table: one file, what came of it, and what was wrong with that."""
+    """A row of the table: one file, the outcome of reading it, and the faults."""
     rng = np.random.default_rng([seed, mutated])
     with tempfile.TemporaryDirectory() as work:
         if seed % STORED_EVERY == 0:
@@ -54,7 +54,7 @@ def one(seed: int, mutated: bool) -> dict[str, Any]:
 
 
 def text(work: Path, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
-    """One text file."""
+    """Return the row of one text file."""
     names = sorted(hostile_texts.formats())
     name = names[int(rng.integers(len(names)))]
     kind = hostile_texts.formats()[name]
@@ -80,7 +80,7 @@ def text(work: Path, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
 
 
 def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
-    """One results file."""
+    """Return the row of one results file."""
     folder, numbers = _template()
     crafts = forged_results.CRAFTS
     if mutated:
@@ -94,7 +94,7 @@ def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> 
 
 
 def table(mutations: int, crafts: int, first: int) -> pd.DataFrame:
-    """A row for each file from seed `first` on; a child that was killed or hung is a fault."""
+    """Yield a row for each file from seed `first` on; a process that dies or hangs is a fault."""
     asked = [(first + number, True) for number in range(mutations)]
     asked += [(first + number, False) for number in range(crafts)]
     # results files last: what HDF5 leaves in a process would count as memory of the next text
@@ -132,7 +132,7 @@ def main(
     first: int = 0,
     quick: bool = False,
 ) -> None:
-    """Mutate and craft files from a first seed on, read them, count what breaks the promise."""
+    """Mutate and craft files from a first seed on, read them, and count the faults."""
     if quick:
         mutations = 200
         crafts = 60

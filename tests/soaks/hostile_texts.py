@@ -91,7 +91,7 @@ class Format:
 
 @cache
 def formats() -> dict[str, Format]:
-    """Every format by name."""
+    """Return every format by name."""
     data = built_in.data_folder()
     sent = joint_trajectory.read(_MOTIONS / "sent.yaml")
     message = joint_trajectory.to_message(sent)
@@ -151,12 +151,12 @@ def _recorded(path: Path) -> object:
 
 
 def mutated(kind: Format, rng: Rng) -> bytes:
-    """A shipped file with one change, or with two."""
+    """Return a shipped file with one or two changes."""
     return changed(drawn(kind.shipped, rng), rng)
 
 
 def changed(content: bytes, rng: Rng) -> bytes:
-    """A file's content after one change, or after two."""
+    """Return a file's content after one or two changes."""
     for _ in range(1 + int(rng.random() < 0.2)):
         change = drawn(_CHANGES, rng)
         content = change(content, rng) or b" "
@@ -174,7 +174,7 @@ def _cut(content: bytes, rng: Rng) -> bytes:
 
 
 def _span(content: bytes, rng: Rng) -> bytes:
-    """A span is removed, repeated or moved."""
+    """Remove, repeat or move a span."""
     start, end, other = np.sort(rng.integers(len(content) + 1, size=3)).tolist()
     end = min(end, start + LONGEST_SPAN)
     span = content[start:end]
@@ -187,7 +187,7 @@ def _span(content: bytes, rng: Rng) -> bytes:
 
 
 def _block(content: bytes, rng: Rng) -> bytes:
-    """A block is overwritten, by zeros or by noise."""
+    """Overwrite a block by zeros or by noise."""
     start, end = np.sort(rng.integers(len(content) + 1, size=2)).tolist()
     end = min(end, start + LONGEST_BLOCK)
     written = [bytes(end - start), rng.bytes(end - start)]
@@ -195,7 +195,7 @@ def _block(content: bytes, rng: Rng) -> bytes:
 
 
 def _line(content: bytes, rng: Rng) -> bytes:
-    """A line is there twice."""
+    """Repeat a line."""
     lines = content.splitlines(keepends=True)
     place = int(rng.integers(len(lines))) if lines else 0
     return b"".join([*lines[: place + 1], *lines[place:]])
@@ -219,7 +219,7 @@ def _number(content: bytes, rng: Rng) -> bytes:
 
 
 def _key(content: bytes, rng: Rng) -> bytes:
-    """Two letters of a word change places."""
+    """Exchange two letters of a word."""
     words = list(re.finditer(rb"[a-z_]{4,}", content))
     if not words:
         return content
@@ -237,7 +237,7 @@ _CHANGES = (_bit, _cut, _span, _block, _line, _junk, _number, _number, _key, _ke
 
 
 def crafted(ending: str, rng: Rng) -> bytes:
-    """A file that no reader may take."""
+    """Return a crafted file that every reader has to refuse."""
     size = int(10 ** rng.uniform(3, 7.3))
     match int(rng.integers(4)):
         case 0:
@@ -254,7 +254,7 @@ def crafted(ending: str, rng: Rng) -> bytes:
 
 
 def drawn(values: Sequence[T], rng: Rng) -> T:
-    """One of some values."""
+    """Return one of some values."""
     return values[int(rng.integers(len(values)))]
 
 
@@ -270,7 +270,7 @@ def _repeated(text: str, times: int) -> bytes:
 
 
 def nonsense(kind: Format, content: bytes) -> str:
-    """Why a file that was taken should have been refused; empty where nothing is known."""
+    """Return why an accepted file should have been refused; empty if there is no known reason."""
     if kind.ending == ".npy":
         return ""
     text = content.decode("utf-8-sig")

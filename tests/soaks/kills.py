@@ -59,7 +59,7 @@ Answers = dict[str, Answer]  # by a trial's identity
 
 
 def answers(trials: Iterable[Trial]) -> Answers:
-    """By identity, all of a trial that does not depend on when and how fast it ran."""
+    """Return by identity the parts of trials that do not depend on time and speed."""
     return {trial.id: _answer(trial) for trial in trials}
 
 
@@ -86,7 +86,7 @@ def _answer(trial: Trial) -> Answer:
 
 @cache
 def reference(output: Path) -> Answers:
-    """The answers of the uninterrupted run."""
+    """Return the answers of an uninterrupted run."""
     trials = sweep(output / "reference")
     return answers(trials)
 
@@ -132,7 +132,7 @@ Word = tuple[float, str]  # on the machine's clock, s, and a step or a number of
 
 
 def sweep(folder: Path, seeds: int = 8, **options: Any) -> list[Trial]:
-    """22 trials in a second: two problems, four planners, one of them with eight seeds."""
+    """Run 22 trials in a second: two problems, four planners, one of them with eight seeds."""
     planners = [named(spec) for spec in SPECS]
     return list(compare(PROBLEMS, planners, folder, seeds=seeds, **options).items)
 
@@ -145,7 +145,7 @@ def told(
     *,
     workers_too: bool = True,
 ) -> tuple[list[Word], float]:
-    """Run the sweep in a process group of its own; return all that it told, and when it was killed.
+    """Run the sweep in a process group; return its messages, and when it was killed.
 
     Args:
         folder: Of the trials.
@@ -186,7 +186,7 @@ def told(
 
 
 def prepared(output: Path, name: str, half: bool) -> Path:
-    """A new folder, empty or with half of the trials and their `results.h5`."""
+    """Return a new folder, empty or with half of the trials and their `results.h5`."""
     folder = output / name
     shutil.rmtree(folder, ignore_errors=True)
     if half:
@@ -197,7 +197,7 @@ def prepared(output: Path, name: str, half: bool) -> Path:
 
 @cache
 def uninterrupted(output: Path, jobs: int, half: bool) -> int:
-    """Count the words of a child that is left alone."""
+    """Count the messages of a run that is not killed."""
     folder = prepared(output, "uninterrupted", half)
     words, _ = told(folder, jobs)
     shutil.rmtree(folder)
@@ -205,7 +205,7 @@ def uninterrupted(output: Path, jobs: int, half: bool) -> int:
 
 
 def attempt(output: Path, number: int) -> list[dict[str, Any]]:
-    """Kill a run at the moment that this number draws, look, resume it, look again: one row."""
+    """Kill a run at a random moment, check it, resume it, check again; return the row."""
     jobs, half, workers_too = SETTINGS[number % len(SETTINGS)]
     draw = np.random.default_rng([1, number])
     after = draw.integers(uninterrupted(output, jobs, half))
@@ -229,7 +229,7 @@ def attempt(output: Path, number: int) -> list[dict[str, Any]]:
 
 
 def hit(words: Sequence[Word]) -> str:
-    """Return the step in which the child was at its last word."""
+    """Return the step that the run had reached at its last message."""
     _, last = max(words, default=(0.0, "solving"))
     return "solving" if last.isdigit() else last
 
@@ -268,12 +268,12 @@ def faults(folder: Path, promised: int, stored: set[str], expected: Answers) -> 
 
 
 def _trials(files: Iterable[Path]) -> set[str]:
-    """The identities of the trials in these files."""
+    """Return the identities of the trials in these files."""
     return {file.stem for file in files}
 
 
 def _whole(folder: Path) -> tuple[dict[Path, Answers], list[str]]:
-    """The answers in every file that can be read, and why the others cannot."""
+    """Return the answers in readable files, and the reasons why others are not readable."""
     whole = {}
     torn = []
     for file in [*sorted(folder.glob("trials/[!.]*.json")), *folder.glob("results.h5")]:
@@ -285,7 +285,7 @@ def _whole(folder: Path) -> tuple[dict[Path, Answers], list[str]]:
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Per step hit: kills, of them those that left half-written temporaries, trials, faults."""
+    """Return a row per step that was hit: kills, temporaries left, trials, faults."""
     leaving = rows["temporaries"] > 0
     counted = rows.assign(kills=1, temporaries=leaving)
     columns = ["kills", "temporaries", "promised", *FAULTS]

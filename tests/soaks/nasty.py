@@ -40,7 +40,7 @@ _SLEEP = "import time; time.sleep(600)"
 
 
 class Bomb:
-    """Leaves a mark in whatever process unpickles it."""
+    """An object that leaves a mark in any process that unpickles it."""
 
     def __init__(self, mark: str) -> None:
         self.mark = mark
@@ -51,7 +51,7 @@ class Bomb:
 
 @dataclass(frozen=True)
 class Nasty(Planner):
-    """Does as its code says; `notes` is where it writes down what it started."""
+    """A planner that runs a text as its code; it notes in `notes` what it started."""
 
     code: str
     notes: str
@@ -69,7 +69,7 @@ class Nasty(Planner):
         return answer
 
     def _names(self, problem: Problem, seed: int) -> dict[str, Any]:
-        """Names that its code can use."""
+        """Return the names that its code can use."""
         notes = Path(self.notes)
         claim = honest(problem).dilated(0.5)
 
@@ -92,7 +92,7 @@ class Nasty(Planner):
 
 
 def honest(problem: Problem) -> Trajectory:
-    """The optimum: half of the way at full acceleration, half at full braking."""
+    """Return the optimum: half of the way at full acceleration, half at full braking."""
     half = 0.5 * OPTIMUM
     way = problem.waypoints[1] - problem.waypoints[0]
     pieces = np.zeros((3, 2, problem.joints))
@@ -102,7 +102,7 @@ def honest(problem: Problem) -> Trajectory:
 
 
 def forged(problem: Problem, trajectory: Trajectory, *_: Any) -> verification.Certificate:
-    """A certificate that praises whatever it is given."""
+    """Return a certificate that praises any motion."""
     certificate = _VERIFY(PROBLEM, honest(PROBLEM))
     return replace(certificate, duration=trajectory.duration, dilation=0.5)
 
@@ -115,7 +115,7 @@ _OTHERS = (suppress, warnings, trial)  # other modules that their code uses
 
 
 def planners(folder: Path) -> dict[str, Nasty]:
-    """Every planner of the file by its name; each has a folder for its notes below this one."""
+    """Return every planner of the file by its name, with a folder each for its notes."""
     found = {}
     for number, (name, row) in enumerate(tomllib.loads(_FILE.read_text()).items()):
         notes = folder / str(number)

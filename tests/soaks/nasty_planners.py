@@ -71,7 +71,7 @@ def rows(
 
 
 def outcome(entrants: Sequence[Any]) -> tuple[list[Trial], str]:
-    """The trials of a comparison whose folder is relative, and what it warned of."""
+    """Return the trials of a comparison in a relative folder, and its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = partial(compare, timeout=TIMEOUT, memory=MEMORY, jobs=1, seeds=2)
@@ -85,21 +85,21 @@ def outcome(entrants: Sequence[Any]) -> tuple[list[Trial], str]:
 
 
 def answers(trials: Sequence[Trial]) -> dict[tuple[str, int], Any]:
-    """Of each planner and seed what does not depend on the clock."""
+    """Return the parts of each trial that do not depend on the clock."""
     return {
         (one.planner, one.seed): (one.status, one.certified_duration, one.message) for one in trials
     }
 
 
 def above(trials: Sequence[Trial]) -> float | None:
-    """Percent of the shortest certified duration above the optimum."""
+    """Return how many percent the shortest certified duration is above the optimum."""
     durations = [one.certified_duration for one in trials]
     known = [duration for duration in durations if duration is not None]
     return 100 * (min(known) / OPTIMUM - 1) if known else None
 
 
 def left(file: Path) -> list[int]:
-    """The processes noted in a file that still run after a while."""
+    """Return the processes noted in a file that still run after a while."""
     noted = file.read_text().split() if file.exists() else []
     end = time.monotonic() + _PATIENCE
     while True:
@@ -134,7 +134,7 @@ def printed(file: Path) -> Iterator[Path]:
 
 
 def table(groups: Sequence[Sequence[str]] = (), most: int | None = None) -> pd.DataFrame:
-    """A row per planner: of all, each compared alone, or of these, those of a group together.
+    """Return a row per planner, each compared alone or with its group.
 
     Args:
         groups: Names of planners.
@@ -158,7 +158,7 @@ def table(groups: Sequence[Sequence[str]] = (), most: int | None = None) -> pd.D
 
 
 def harmful(made: pd.DataFrame) -> pd.DataFrame:
-    """The rows of planners that did harm."""
+    """Return the rows of planners that did harm."""
     forging = made["certified %"] < -100 * CERTIFIED_BELOW
     changing = made["others"] != "same"
     leaving = made["left"] > 0

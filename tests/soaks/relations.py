@@ -60,7 +60,10 @@ TIMEOUT_S = 300.0  # for one problem
 
 
 def drawn(seed: int) -> Problem:
-    """Mostly 1–3 joints and 2–5 waypoints, one in 25 of any size; jerk limited if `seed` is odd."""
+    """Return a random problem; its jerk is limited if `seed` is odd.
+
+    Most have 1 to 3 joints and 2 to 5 waypoints, one in 25 has any size.
+    """
     rng = np.random.default_rng([8, seed])
     joints = None
     waypoints = None
@@ -90,17 +93,17 @@ def certified(problem: Problem, trajectory: Trajectory | None) -> Found:
 
 
 def duration(name: str, problem: Problem) -> float:
-    """A planner's certified duration, s; NaN without one."""
+    """Return a planner's certified duration, s; NaN without one."""
     return answer(name, problem)[1]
 
 
 def above(own: float, other: float) -> float:
-    """Relative excess of a duration over another."""
+    """Return the relative excess of a duration over another."""
     return own / other - 1
 
 
 def relations(problem: Problem, seed: int) -> Checks:
-    """No planner beats the optimum, symmetries change nothing, and what only one kind can do."""
+    """Yield every check of a problem: its name and its relative error."""
     optimum = "exact"
     if problem.has("jerk"):
         optimum = "exact-jerk"
@@ -121,7 +124,7 @@ def relations(problem: Problem, seed: int) -> Checks:
 
 
 def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
-    """Nobody is faster than the optimum, nor than a planner that may do more."""
+    """Yield how much a planner is faster than the optimum, or than one that may do more."""
     pairs = [(optimum, name) for name in able if not name.startswith("exact")]
     pairs += [("spline353-nlp", name) for name in able if name in ("unoptimised", "pso")]
     pairs.append(("ruckig-search", "ruckig-stop"))
@@ -132,7 +135,7 @@ def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
 
 
 def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
-    """A symmetric problem's minimum time, but for the factor, is the problem's own."""
+    """Yield how much the minimum time of a symmetric problem differs, after its factor."""
     kind, factor, other = symmetry
     for name in names:
         own = duration(name, problem)
@@ -142,7 +145,7 @@ def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
 
 
 def alike(problem: Problem, seed: int) -> list[Symmetry]:
-    """Problems whose minimum time, times the factor, is this one's."""
+    """Yield problems whose minimum time, times a factor, is this problem's."""
     q = problem.waypoints
     v = problem.limits.velocity
     a = problem.limits.acceleration
@@ -169,13 +172,13 @@ def alike(problem: Problem, seed: int) -> list[Symmetry]:
 
 
 def _sides_changed(limits: Array, joints: Mask) -> Array:
-    """The limits `(joints, 2)`, of these joints with their sides and signs changed."""
+    """Return limits `(joints, 2)` of these joints with their sides and signs changed."""
     changed = -limits[:, ::-1]
     return np.where(joints[:, None], changed, limits)
 
 
 def free(problem: Problem, able: list[str], seed: int) -> Checks:
-    """The exact optimum in other ways; paths timed anew, up to the grid; a certificate."""
+    """Yield checks of the optimum: by IPOPT, by paths timed anew, and by a proved bound."""
     trajectory, exact = answer("exact", problem)
     if trajectory is not None:
         change = abs(above(retimed(problem, trajectory), trajectory.duration))
@@ -197,7 +200,7 @@ def free(problem: Problem, able: list[str], seed: int) -> Checks:
 
 
 def dense(problem: Problem, optimum: str, seed: int) -> Checks:
-    """Waypoints that are added on an optimal motion change nothing."""
+    """Yield how much the optimum changes if waypoints on an optimal motion are added."""
     trajectory, own = answer(optimum, problem)
     if trajectory is None:
         return
@@ -214,7 +217,7 @@ def dense(problem: Problem, optimum: str, seed: int) -> Checks:
 
 
 def with_added(problem: Problem, motion: Trajectory, seed: int) -> tuple[Problem, Trajectory]:
-    """The problem with up to eight more waypoints on a motion through it, and that motion.
+    """Return the problem with up to eight more waypoints on a motion, and that motion.
 
     They lie within one of its longer segments, or beside rest at its start or end, 1e-9 to 1e-2 of
     the segment's displacement apart, or about that.
@@ -237,14 +240,14 @@ def with_added(problem: Problem, motion: Trajectory, seed: int) -> tuple[Problem
 
 
 def retimed(problem: Problem, trajectory: Trajectory) -> float:
-    """TOPP-RA's duration along the path of a trajectory, limits relaxed, s; NaN without one."""
+    """Return TOPP-RA's duration along a trajectory's path, limits relaxed, s; NaN without one."""
     wider = replace(problem, limits=relaxed(problem.limits, RELAXED))
     found = along(wider, trajectory).trajectory
     return np.nan if found is None else found.duration
 
 
 def jerky(problem: Problem, seed: int) -> Checks:
-    """Exact without jerk limits and with ever stiffer ones; Ruckig, whose own are symmetric."""
+    """Yield checks under jerk limits: stiff ones approach none, and Ruckig agrees."""
     exact = duration("exact", problem.without("jerk"))
     trajectory, own = answer("exact-jerk", problem)
     yield "exact <= exact-jerk", above(exact, own), THEOREM
@@ -265,7 +268,7 @@ def jerky(problem: Problem, seed: int) -> Checks:
 
 
 def by_segments(problem: Problem, trajectory: Trajectory) -> float:
-    """Largest difference from Ruckig's segment times, relative to the whole duration.
+    """Return the largest difference from Ruckig's segment times, relative to the duration.
 
     Under limits wider by 1e-6, or by 1e-9: in a segment of 1e-6 s rounding of the states exceeds
     them, and Ruckig then goes a long way round.
@@ -285,7 +288,7 @@ def by_segments(problem: Problem, trajectory: Trajectory) -> float:
 
 
 def relaxed(limits: Limits, wider: float) -> Limits:
-    """Limits of velocity, acceleration and jerk that are wider by this share."""
+    """Return limits of velocity, acceleration and jerk that are wider by this share."""
     factor = 1 + wider
     return replace(
         limits,
@@ -296,7 +299,7 @@ def relaxed(limits: Limits, wider: float) -> Limits:
 
 
 def _section_times(limits: Limits, states: Iterable[State]) -> Array:
-    """Ruckig's duration from each state to the next, s."""
+    """Return Ruckig's duration from each state to the next, s."""
     times = []
     for start, end in itertools.pairwise(states):
         duration, _ = section(limits, start, end)
@@ -305,7 +308,7 @@ def _section_times(limits: Limits, states: Iterable[State]) -> Array:
 
 
 def checked(seed: int) -> Rows:
-    """Check one problem; an exception is a row too."""
+    """Return the rows of one problem's checks; an exception is a row too."""
     problem = drawn(seed)
     rows = []
     try:
@@ -332,7 +335,7 @@ def lost(error: BaseException) -> Rows:
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Per kind: how often checked, how often beyond its tolerance, the worst, and where."""
+    """Return a row per check: how often made, how often beyond tolerance, the worst, and where."""
     checks = rows.fillna({"excess": np.inf})
     kinds = checks["kind"]
     excess = checks["excess"]

@@ -62,7 +62,7 @@ class CommandOutcome:
 
 
 def by(command: Sequence[str] | Callable[[], object]) -> CommandOutcome:
-    """The answer of a command line, or of a reader in Python, whose errors are exit code 2."""
+    """Return the outcome of a command, or of a reader in Python: its errors are exit code 2."""
     out = io.StringIO()
     err = io.StringIO()
     code = 0
@@ -93,7 +93,7 @@ def by(command: Sequence[str] | Callable[[], object]) -> CommandOutcome:
 
 
 def _forget_peak() -> None:
-    """Forget the largest memory so far (Linux)."""
+    """Reset the peak memory of this process (Linux)."""
     Path("/proc/self/clear_refs").write_text("5")
 
 

@@ -14,7 +14,7 @@ WIDTH = 80  # characters of a terminal's line
 
 
 def conclude(rows: pd.DataFrame, succeeded: pd.Series[bool], stem: Path) -> None:
-    """Write the rows, print a line per family and the attacks that succeeded.
+    """Write the table, and print a line per family and the attacks that succeeded.
 
     Args:
         rows: A row per attack; its family is in the column `family`.

@@ -45,7 +45,7 @@ Row = dict[str, Any]  # task, way, cost, unit (what is counted), note (what it r
 
 
 class Way(NamedTuple):
-    """A call to be timed; it does its task so many times (`times`)."""
+    """A call to be timed, which does its task `times` times."""
 
     name: str
     call: Callable[[], object]
@@ -54,7 +54,7 @@ class Way(NamedTuple):
 
 
 def side_by_side(task: str, ways: Sequence[Way], unit: str, repeats: int) -> Iterator[Row]:
-    """The least CPU time of each way, all taking turns: a machine is not always equally fast."""
+    """Return the least CPU time of each way; they take turns, as a machine's speed varies."""
     for way in ways:
         way.call()
     least = [np.inf] * len(ways)
@@ -73,7 +73,7 @@ def side_by_side(task: str, ways: Sequence[Way], unit: str, repeats: int) -> Ite
 
 
 def searches(problem: Problem, iterations: int, repeats: int) -> Iterator[Row]:
-    """CPU time per evaluation, the fitness included; and of the fitness alone."""
+    """Return the CPU time per evaluation of searches, and of the fitness alone."""
     planners = {name: load_swarm(name) for name in ("pso", "ssa", "issa")}
     objective = SegmentTimes.of(problem, planners["pso"])
     ways = []
@@ -95,7 +95,7 @@ def load_swarm(name: str) -> SwarmPlanner:
 
 
 def _alone(objective: SegmentTimes, candidates: int) -> Way:
-    """The fitness without a search, of candidates anywhere in the box."""
+    """Return the way that evaluates the fitness of random candidates, without a search."""
     low, high = objective.box(1)
     drawn = np.random.default_rng(0).uniform(low, high, (candidates, 3))
     note = f"{candidates} candidates a call"
@@ -104,7 +104,7 @@ def _alone(objective: SegmentTimes, candidates: int) -> Way:
 
 
 def _compiled(problem: Problem) -> Iterator[Way]:
-    """What any other optimiser calls: one candidate a call, and many."""
+    """Return the ways of any other optimiser: one candidate a call, and many."""
     own = Objective(problem)
     drawn = np.random.default_rng(0).uniform(own.low, own.high, (POPULATION * SEEDS_TOGETHER, 3))
 
@@ -163,7 +163,7 @@ def _scipy(objective: SegmentTimes, iterations: int) -> Callable[[], int]:
 
 
 def optima(problem: Problem, intervals: tuple[int, ...], repeats: int) -> Iterator[Row]:
-    """A planner's CPU time, and how far above the exact minimum time its answer is."""
+    """Return a planner's CPU time, and the excess of its answer over the minimum time."""
     task = "minimum time"
     specs = ["exact", *(f"collocation:intervals={count}" for count in intervals)]
     best = certified_duration(problem, load("exact"))
@@ -185,7 +185,7 @@ def certified_duration(problem: Problem, planner: Planner) -> float:
 
 
 def verdicts(problem: Problem, repeats: int) -> Iterator[Row]:
-    """The verifier; and peaks of samples so close that none misses a peak by its tolerance.
+    """Return the CPU times of the verifier, and of samples as accurate as its tolerance.
 
     Between samples `d` apart a peak exceeds both by at most `M d² / 8`, where `M` bounds the second
     derivative (error of linear interpolation).

@@ -68,7 +68,7 @@ class Trick:
 
     @property
     def limits(self) -> str:
-        """The limits of the problem beside velocity and acceleration."""
+        """Return which kinds of limits the problem has beside velocity and acceleration."""
         return _limits(self.problem)
 
 
@@ -76,7 +76,7 @@ Case = tuple[Problem, Trajectory, float]
 
 
 def tricks() -> list[Trick]:
-    """Every trick of every family."""
+    """Return every trick of every family."""
     found: dict[str, list[Trick]] = {}
     for key, family in FAMILIES.items():
         if "change" in family:
@@ -118,7 +118,10 @@ def _limits(problem: Problem) -> str:
 
 
 def least_time(h: float, V: float, A: float) -> float:
-    """From rest to rest over `h`, s: two parabolas, and a cruise between them where `h > V²/A`."""
+    """Return the least time from rest to rest over `h`, s.
+
+    Two parabolas, and a cruise between them where `h > V²/A`.
+    """
     if h * A <= V**2:
         # T = 2 √(h / A)
         return float(2 * (h / A) ** 0.5)
@@ -127,24 +130,30 @@ def least_time(h: float, V: float, A: float) -> float:
 
 
 def least_time_of_jerk(h: float, J: float) -> float:
-    """From rest to rest over `h` with jerk `J` alone, s: four phases of `cbrt(h / 2J)`."""
+    """Return the least time from rest to rest over `h` under a jerk limit `J` alone, s.
+
+    Four phases of `cbrt(h / 2J)` each.
+    """
     return 4 * math.cbrt(h / (2 * J))
 
 
 def least_time_of_swing(h: float, J: float) -> float:
-    """From a turn to the next one, `h` apart, with jerk `J` alone, s: `cbrt(12 h / J)`."""
+    """Return the least time between two turns `h` apart under a jerk limit `J` alone, s.
+
+    `cbrt(12 h / J)`.
+    """
     return math.cbrt(12 * h / J)
 
 
 def least_time_of_turn(h: float, J: float) -> float:
-    """From a turn to the next one, `h` apart, with acceleration 1 or jerk `J` alone, s."""
+    """Return the least time between two turns `h` apart, s: acceleration 1, or jerk `J` alone."""
     if math.isinf(J):
         return least_time(h, np.inf, 1.0)
     return least_time_of_swing(h, J)
 
 
 def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0.0) -> Trajectory:
-    """One joint from its phases, position and velocity continuous."""
+    """Return the motion of one joint from its phases, with continuous position and velocity."""
     breaks = [0.0]
     columns = []
     for duration, acceleration, jerk in phases:
@@ -161,20 +170,23 @@ def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0
 
 
 def one_joint(breaks: ArrayLike, columns: ArrayLike) -> Trajectory:
-    """One joint's pieces, a column of coefficients each; its waypoints are its two ends."""
+    """Return the motion of one joint from its pieces, a column of coefficients each.
+
+    Its waypoints are its two ends.
+    """
     coefficients = np.array(columns, dtype=float).T[..., None]
     times = np.asarray(breaks, dtype=float)
     return Trajectory(times, coefficients, times[[0, -1]])
 
 
 def together(joints: Sequence[Trajectory], times: ArrayLike) -> Trajectory:
-    """Several joints, each on breaks of its own."""
+    """Return the motion of several joints, each on breaks of its own."""
     parts = [(joint.breaks, joint.coefficients[..., 0]) for joint in joints]
     return Trajectory.joined(parts, times)
 
 
 def rest_to_rest(h: float, V: float, A: float, v0: float = 0.0) -> Trajectory:
-    """A move over `h` that begins and ends with a velocity of `v0`."""
+    """Return a motion over `h` that begins and ends with the velocity `v0`."""
     # h = (p² − v0²) / A without a cruise
     peak = min(V, (h * A + v0**2) ** 0.5)
     rise = (peak - v0) / A
@@ -188,7 +200,7 @@ def rest_to_rest(h: float, V: float, A: float, v0: float = 0.0) -> Trajectory:
 
 
 def smooth_cruise(h: float, J: float) -> Trajectory:
-    """From rest to rest over `h` with velocity and acceleration of 1 and jerk of `J`."""
+    """Return the fastest motion from rest to rest over `h`, limits 1, 1 and the jerk `J`."""
     ramp = 1 / J
     steady = 1 - ramp
     cruise = h - 1 - ramp
@@ -207,7 +219,7 @@ def smooth_cruise(h: float, J: float) -> Trajectory:
 def instead_of_move(
     cheat: Trajectory, h: float = 1.0, V: float = 1.0, A: float = 1.0, start: float = 0.0
 ) -> Case:
-    """A motion that shall pass for that of one joint over `h`."""
+    """Return a trick: a motion that claims to be one joint's over `h`."""
     limits = Limits([V], [A])
     problem = Problem([[start], [start + h]], limits)
     moved = float(problem.displacements[0, 0])
@@ -218,14 +230,14 @@ def instead_of_move(
 
 
 def head_start(V: float, A: float, h: float, share: float) -> Case:
-    """The velocity jumps by a share of its limit at both ends."""
+    """Return tricks whose velocity jumps by a share of its limit at both ends."""
     reachable = (h * A) ** 0.5
     v0 = min(share * V, 0.9 * reachable)
     return instead_of_move(rest_to_rest(h, V, A, v0), h, V, A)
 
 
 def accelerated_start(A: float, a0: float) -> Case:
-    """Accelerations from `a0` up, down and up to `−a0`, with a jerk of 1 over 1 rad."""
+    """Return a motion over 1 rad with a jerk of 1 whose acceleration begins at `a0`, not at 0."""
     # d up, 2 s down and d up, with s = d + a0, cover 2 s³ − 2 a0² s + 2 a0³/3 = 1: Newton's method.
     s = 0.5 ** (1 / 3)
     for _ in range(50):
@@ -238,7 +250,7 @@ def accelerated_start(A: float, a0: float) -> Case:
 
 
 def short_way(coordinate: float, h: float, short: float) -> Case:
-    """A joint that starts late and ends early, beside one that rests."""
+    """Return tricks in which a joint starts late and ends early, beside one that rests."""
     limits = Limits([1.0, 1.0], [1.0, 1.0])
     problem = Problem([[coordinate, 0.0], [coordinate, h]], limits)
     moved = float(problem.displacements[0, 1])
@@ -259,7 +271,7 @@ def _shifted(motion: Trajectory, x: float) -> Trajectory:
 
 
 def short_at_coordinate(coordinate: float, h: float) -> Case:
-    """A move at a coordinate whose last place is not small beside it."""
+    """Return moves at a coordinate whose last place is large beside the move."""
     moved = coordinate + h - coordinate
     covered = moved - 0.9 * float(np.spacing(coordinate))
     own = rest_to_rest(covered, 1.0, 1.0)
@@ -267,7 +279,7 @@ def short_at_coordinate(coordinate: float, h: float) -> Case:
 
 
 def position_steps(pieces: int) -> Case:
-    """A shorter move, and a jump of 0.9e-8 rad at every break."""
+    """Return a trick: a shorter move, and a jump of 0.9e-8 rad at every break."""
     step = 0.9e-8
     own = rest_to_rest(1.0 - step * (pieces - 1), 100.0, 1.0)
     breaks = np.linspace(0.0, own.duration, pieces + 1)
@@ -281,7 +293,7 @@ def position_steps(pieces: int) -> Case:
 
 
 def velocity_steps(pieces: int) -> Case:
-    """Keeps the acceleration limit, and gains 0.9e-6 rad/s at every break."""
+    """Return a trick within the acceleration limit that gains 0.9e-6 rad/s at every break."""
     own = rest_to_rest(1.0, 100.0, 1.0 + 1.8e-6 * pieces)
     breaks = np.linspace(0.0, own.duration, pieces + 1)
     columns = []
@@ -294,7 +306,7 @@ def velocity_steps(pieces: int) -> Case:
 
 
 def overflow(length: float, first: float, second: float) -> Case:
-    """Half the optimum, and a first piece whose highest coefficients overflow."""
+    """Return a trick of half the optimum whose first piece has coefficients that overflow."""
     fast = rest_to_rest(1.0, 200.0, 4.0)
     breaks = np.concatenate([[0.0, length], fast.breaks[1:]])
     coefficients = np.zeros((10, 3, 1))
@@ -306,7 +318,7 @@ def overflow(length: float, first: float, second: float) -> Case:
 
 
 def short_piece(length: float) -> Case:
-    """The way is made within `length` seconds, or as fast as a number can say."""
+    """Return a trick that covers the way within `length` seconds."""
     with np.errstate(over="ignore"):
         slope = float(min(np.float64(1.0) / length, 1.7e308))
     breaks = [0.0, length, 1.0]
@@ -315,7 +327,7 @@ def short_piece(length: float) -> Case:
 
 
 def turn_left_out(gap: float) -> Case:
-    """0 → 1 → 1 + h → 1 → 2: the three in the middle are passed within `2 gap` seconds."""
+    """Return a trick through 0, 1, 1 + h, 1, 2 that passes the middle three within `2 gap` s."""
     h = 1e-9
     waypoints = [[0.0], [1.0], [1.0 + h], [1.0], [2.0]]
     problem = Problem(waypoints, Limits([1.0], [1.0]))
@@ -329,7 +341,7 @@ def turn_left_out(gap: float) -> Case:
 
 
 def cancelling_terms(size: float) -> Case:
-    """Half the optimum, plus `size · s³ (s − 1)³ (s − 1/2)`, which vanishes at both ends."""
+    """Return a trick: half the optimum, plus `size · s³ (s − 1)³ (s − 1/2)`, zero at both ends."""
     fast = rest_to_rest(1.0, 2.0, 4.0)
     bump = size * np.poly([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.5])
     coefficients = np.zeros((8, len(fast.lengths), 1))
@@ -340,7 +352,7 @@ def cancelling_terms(size: float) -> Case:
 
 
 def smooth_step(rests: int) -> Case:
-    """Half the optimum in one polynomial: as many derivatives vanish at both ends."""
+    """Return a trick of half the optimum, one polynomial with zero derivatives at both ends."""
     slope = np.poly([0.0] * rests + [1.0] * rests)
     rise = np.polyint(slope)
     rise /= rise.sum()
@@ -349,7 +361,7 @@ def smooth_step(rests: int) -> Case:
 
 
 def too_fast(by: float, also: str) -> Case:
-    """The optimum, run faster by less than the tolerance of limits."""
+    """Return the optimum, run faster by less than the tolerance of limits."""
     jerk = [1e3] if "jerk" in also else None
     position = [[0.0, 5.0]] if "position" in also else None
     problem = Problem([[0.0], [5.0]], Limits([1.0], [1.0], jerk=jerk, position=position))
@@ -390,7 +402,7 @@ def passages(
 
 
 def passages_at_coordinate(turns: int, d: float, also: str) -> Case:
-    """The second joint moves by one unit in the last place of its coordinate."""
+    """Return a trick whose second joint moves by one unit in the last place of its coordinate."""
     coordinate = 1e5
     slope = float(np.spacing(coordinate)) / d
     return passages(turns, d, slope, also, elapsed=d, coordinate=coordinate)
@@ -571,7 +583,7 @@ def _quintic(duration: float, h: float) -> Array:
 
 
 def _per_duration(shape: Sequence[float], duration: float) -> Array:
-    """A polynomial of degree 5 of a share of the duration, in powers of time."""
+    """Return the coefficients in powers of time, s, of a quintic of the share of the duration."""
     powers = np.arange(5, -1, -1.0)
     return np.array(shape) / duration**powers
 
@@ -671,7 +683,7 @@ def _time_from(v0: float, J: float) -> float:
 
 
 def backwards(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """Reverse a motion in time, under symmetric limits."""
+    """Return the motion reversed in time, under symmetric limits."""
     shifted = polynomials.shifted(motion.coefficients, motion.lengths[:, None])
     mirrored = polynomials.stretched(shifted, -1.0)
     end = motion.breaks[-1]
@@ -683,7 +695,7 @@ def backwards(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory
 
 
 def early(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """Waypoint times that leave the motion by rounding, at both ends."""
+    """Return tricks whose waypoint times lie outside the motion by rounding, at both ends."""
     times = motion.waypoint_times.copy()
     times[0] -= 9e-13 * motion.duration
     times[-1] += 9e-13 * motion.duration
@@ -691,7 +703,7 @@ def early(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
 
 
 def noisy(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """Noise of 3e-13, relative to the largest coefficient of each power."""
+    """Return a motion with noise of 3e-13, relative to the largest coefficient of each power."""
     rng = np.random.default_rng(0)
     given = motion.coefficients
     largest = np.abs(given).max(axis=(1, 2), keepdims=True)
@@ -707,7 +719,7 @@ def as_given(trick: Trick) -> float | None:
 
 
 def judged_twice(trick: Trick) -> float | None:
-    """The certified motion, judged again."""
+    """Return the duration of the certified motion, judged again."""
     motion = certified(trick.problem, trick.trajectory)
     if motion is None:
         return None
@@ -715,14 +727,17 @@ def judged_twice(trick: Trick) -> float | None:
 
 
 def with_found_times(trick: Trick) -> float | None:
-    """When it passes the waypoints is found from the motion."""
+    """Return the certified duration with waypoint times that the judge finds."""
     times = waypoint_times(trick.trajectory, trick.problem.waypoints)
     found = replace(trick.trajectory, waypoint_times=times)
     return verify(trick.problem, found).certified_duration
 
 
 def from_csv(trick: Trick) -> float | None:
-    """Samples with velocities at every break, and accelerations where jerk is limited."""
+    """Return the certified duration of samples at every break.
+
+    With velocities, and with accelerations where jerk is limited.
+    """
     motion = trick.trajectory.refined(trick.trajectory.waypoint_times)
     at = motion.breaks
     accelerations = motion(at, 2) if trick.problem.has("jerk") else None

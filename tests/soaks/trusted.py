@@ -92,7 +92,7 @@ import resource
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: its exit code (None: not in time), its output, and how long it took."""
+    """Outcome of a command: its exit code (None if it took too long), output, and seconds."""
 
     code: int | None
     out: str
@@ -106,7 +106,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Attack:
-    """A command in a prepared folder, and whether it ended as it must.
+    """A command in a prepared folder, and the check of its outcome.
 
     Attributes:
         name: In the table.
@@ -122,7 +122,7 @@ class Attack:
 
 
 def run(command: Sequence[str], folder: Path, limit: float = LIMIT_S) -> Ended:
-    """Run a command of this package's in a folder, as the console script does."""
+    """Run a command of this package in a folder, as the console script does."""
     program = "import sys; from trajopt.cli import main; main(sys.argv[1:])"
     path = os.pathsep.join([str(Path(trajopt.__file__).parents[1]), str(folder / "site")])
     environment = os.environ | {"PYTHONPATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
@@ -154,7 +154,7 @@ def run(command: Sequence[str], folder: Path, limit: float = LIMIT_S) -> Ended:
 def planner(
     at_import: str = "", before: str = "pass", after: str = "pass", unsupported: str = "pass"
 ) -> Callable[[Path], None]:
-    """Write the problem and a planner that does more than it should."""
+    """Write the problem, and a planner with hostile code."""
 
     def prepare(folder: Path) -> None:
         text = _PLANNER.format(
@@ -208,7 +208,7 @@ def forge(folder: Path, change: Callable[[dict[str, object]], None]) -> None:
 
 
 def faster(table: dict[str, object]) -> None:
-    """Halve the stated duration."""
+    """State half of the duration."""
     certificate = table["certificate"]
     assert isinstance(certificate, dict)
     certificate["duration"] = 0.5 * OPTIMUM
@@ -216,7 +216,7 @@ def faster(table: dict[str, object]) -> None:
 
 
 def slower(table: dict[str, object]) -> None:
-    """State 7 s, as a rival of `exact` would like it."""
+    """State 7 s for the motion of `exact`, so that it looks slow."""
     certificate = table["certificate"]
     assert isinstance(certificate, dict)
     certificate["duration"] = 3.5 * OPTIMUM
@@ -254,7 +254,7 @@ def fifo(name: str) -> Callable[[Path], None]:
 
 
 def junk(folder: Path) -> None:
-    """Fill a results folder with files of nothing."""
+    """Fill a results folder with empty files."""
     results(None)(folder)
     for number in range(20_000):
         (folder / "results" / "trials" / f"{number:020x}.json").write_bytes(b"junk")
@@ -264,22 +264,22 @@ def junk(folder: Path) -> None:
 
 
 def bad_input(ended: Ended) -> bool:
-    """One line, exit code 2, in time."""
+    """Return whether the command ended in time with one line and exit code 2."""
     return ended.code == 2 and len(ended.lines) == 1 and "Traceback" not in ended.err
 
 
 def true_table(ended: Ended) -> bool:
-    """Exit code 0; `exact` takes the optimum, and the planner half of that more."""
+    """Return whether `exact` takes the optimum and the planner 1.5 times that; exit code 0."""
     return ended.code == 0 and of(ended, "exact") == OPTIMUM and of(ended, "P") == _HONEST
 
 
 def exact_is_true(ended: Ended) -> bool:
-    """Exit code 0, and `exact` takes the optimum."""
+    """Return whether `exact` takes the optimum; exit code 0."""
     return ended.code == 0 and of(ended, "exact") == OPTIMUM
 
 
 def of(ended: Ended, name: str) -> float | None:
-    """The first duration in a planner's row of the table that a command printed."""
+    """Return the first duration in a planner's row of the printed table."""
     for line in ended.out.splitlines():
         found = re.match(rf"\W*{re.escape(name)}\W+.*?(\d+\.\d\d+)", line)
         if found:
@@ -288,13 +288,13 @@ def of(ended: Ended, name: str) -> float | None:
 
 
 def computing(ended: Ended) -> tuple[float, float]:
-    """The times to solve and to set up that `plan` printed, s."""
+    """Return the times to solve and to set up that `plan` printed, s."""
     found = re.search(r"computing +([\d.]+) s, after ([\d.]+) s", ended.out)
     return (float(found[1]), float(found[2])) if found else (0.0, LIMIT_S)
 
 
 def exported(ended: Ended) -> bool:
-    """Exit code 0, and a line that says how many trials did not hold."""
+    """Return whether a line says how many trials did not hold; exit code 0."""
     return ended.code == 0 and "1 of 2 trials" in ended.err
 
 
