@@ -311,7 +311,15 @@ def suites():
 
 def test_the_suites_are_those_of_the_issue_and_one_per_random_family(suites):
     families_ = [f"random-{family}" for family in families.FAMILIES]
-    assert list(suites) == ["six-axis", "edges", "robots", "literature", "random", *families_]
+    assert list(suites) == [
+        "six-axis",
+        "edges",
+        "robots",
+        "literature",
+        "moving",
+        "random",
+        *families_,
+    ]
     assert [p.name for p in suites["six-axis"]] == ["six-axis"]
     assert len(suites["edges"]) >= 20
     assert len(suites["random"]) == 108

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
-from trajopt.benchmark.suites import edges, families, literature, robots
+from trajopt.benchmark.suites import edges, families, literature, moving, robots
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
@@ -120,12 +120,12 @@ def group(problem: Problem) -> str:
 
 def _made(name: str) -> Problem:
     """Return the problem of a suite that is made in code; raise `UnknownName` otherwise."""
-    for named in (robots.named, edges.named, families.named):
+    for named in (robots.named, edges.named, moving.named, families.named):
         problem = named(name)
         if problem is not None:
             return problem
     suite, _, _ = name.lower().partition("-")
-    if suite in ("robots", "edges"):
+    if suite in ("robots", "edges", "moving"):
         known = [problem.name for problem in problems(suite)]
         raise UnknownName("problem", name, known)
     literature.refuse_beyond(name)
@@ -191,6 +191,13 @@ def suites() -> dict[str, Suite]:
             "published problems, with the times published for them",
             version=literature.LITERATURE_VERSION,
             stream=literature.stream,
+        ),
+        Suite(
+            "moving",
+            "problems that begin or end in motion",
+            version=moving.VERSION,
+            stream=moving.stream,
+            size=moving.SIZE,
         ),
         Suite(
             "random",
