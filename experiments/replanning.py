@@ -4,8 +4,8 @@
     python -m experiments.replanning --quick    # the first twelve
 
 Each problem is planned by `exact`, or by `exact-jerk` if it has jerk limits, and bounded by
-`prove`. The gap is certified duration over lower bound. *Ruckig, searched* is `ruckig-search`, in percent
-above the certified duration.
+`prove`. The gap is certified duration over lower bound. *Ruckig, searched* is `ruckig-search`, in
+percent above the certified duration.
 """
 
 from __future__ import annotations

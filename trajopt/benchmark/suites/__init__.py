@@ -4,6 +4,7 @@
 - `literature`: published problems, with the times published for them;
 - `robots`: problems of real arms;
 - `edges`: degenerate problems, one kind each;
+- `moving`: problems that begin or end in motion;
 - `families`: random families, reproducible on every machine;
 - `random`: one random problem per seed, made to break planners.
 """
