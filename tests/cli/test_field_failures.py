@@ -216,7 +216,7 @@ def test_a_log_with_velocities_is_told_by_both(run):
 def test_velocities_that_are_not_those_of_the_positions_are_said_to_be_the_proof(run):
     own = "{max_velocity: 2, max_acceleration: 4}"
     limits = f"joint_limits: {{q1: {own}, q2: {own}}}"
-    files = {"m__csv": with_velocities(4, filtered=0.02), "l__yaml": limits}
+    files = {"m__csv": with_velocities(4, filtered=0.012), "l__yaml": limits}
     code, out, _ = run("verify m.csv --limits l.yaml", **files)
     text = " ".join(out.split())
     assert code == 1
@@ -226,6 +226,22 @@ def test_velocities_that_are_not_those_of_the_positions_are_said_to_be_the_proof
     assert run("verify m.csv --limits l.yaml --interpolation spline")[0] == 0
     code, out, _ = run("verify m.csv --limits l.yaml --noise 0.00005")
     assert (code, "The velocities are left out: their noise is not known." in out) == (0, True)
+
+
+@pytest.mark.parametrize("late", [0.03, 3.0])  # seconds: after 2 s the joint rests, all are zero
+def test_velocities_that_are_far_from_those_of_the_positions_are_left_out(run, late):
+    own = "{max_velocity: 2, max_acceleration: 4}"
+    files = {
+        "m__csv": with_velocities(4, filtered=late),
+        "l__yaml": f"joint_limits: {{q1: {own}, q2: {own}}}",
+    }
+    code, out, _ = run("verify m.csv --limits l.yaml", **files)
+    text = " ".join(out.split())
+    assert (code, "m.csv within l.yaml: kept" in text) == (0, True)
+    assert "The velocities are left out: with them q1 would need " in text
+    found = json.loads(run("verify m.csv --limits l.yaml --json")[1])["evidence"]
+    assert found["misfit"]["at_least"] > 3
+    assert found["misfit"]["joint"] == 1
 
 
 # --- FT4-08: a jump that the next limit bridges in a microsecond hides nothing ---

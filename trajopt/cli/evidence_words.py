@@ -77,6 +77,13 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
         )
     else:
         yield f"A motion within the {within} keeps the limits. {_hidden(found)}"
+    if found.misfit is not None:
+        label = execution.problem.joint_labels[found.misfit.joint]
+        yield (
+            f"The velocities are left out: with them {label} would need "
+            f"{found.misfit.at_least:.4g} times its limits, by its positions it does not. They "
+            "are not the positions' own."
+        )
     step = 2 * np.median(found.log.half_digits, axis=0)
     coarse = np.flatnonzero(step > 2 * 10.0 ** -np.array(found.log.decimals, dtype=float))
     if len(coarse):

@@ -9,7 +9,9 @@ there is none (`trajopt.judging.tube_proof`). Three verdicts follow:
 - `cannot be told`: neither. The windows say for how long an excess of 5 % could hide.
 
 Velocities that were logged beside positions have digits too, which tell far more of an acceleration
-than those of positions do. Under `noise` they are left out: theirs is not known.
+than those of positions do. Under `noise` they are left out: theirs is not known. So are velocities
+with which every motion would use more than three times a limit that the positions allow to be kept:
+they were measured or filtered apart from the positions, or are zeros in place of none.
 """
 
 from __future__ import annotations
@@ -57,6 +59,7 @@ VELOCITY_WORTH: dict[LimitName, float] = {"velocity": 1.0, "acceleration": 6.0, 
 _UNLIMITED: Limit = (-np.inf, np.inf)
 _WAYPOINT_SHARE = 1e-7  # of a joint's span: half width at a waypoint, within what is repaired
 _MAX_NARROWINGS = 4
+_MISFIT = 3.0  # times a limit: velocities that need more than positions, which need less than 1
 _MAX_STRETCHES = 5
 _MAX_SLOWER = 1e4  # times as long: beyond that no motion is looked for
 _SLOWER_RTOL = 5e-4  # between what a motion takes at least and at most
@@ -163,6 +166,8 @@ class Evidence:
         window: The window that was asked for, s.
         by_positions: The verdict without the velocities, where these are part of the proof.
         slower: For a broken log, the shortest lawful motion through its samples that was found.
+        misfit: Why the velocities were left out: with them every motion would break a limit far,
+            by the positions none needs to. They are not the positions' own.
     """
 
     verdict: Verdict
@@ -175,6 +180,7 @@ class Evidence:
     window: float
     by_positions: Verdict | None = None
     slower: Slower | None = None
+    misfit: Conviction | None = None
 
     @property
     def conviction(self) -> Conviction | None:
@@ -198,6 +204,7 @@ class Evidence:
         broken = [{**vars(own), "joint": own.joint + 1} for own in self.convictions]
         table["conviction"] = broken[0] if broken else None
         table["convictions"] = broken
+        table["misfit"] = self.misfit and {**vars(self.misfit), "joint": self.misfit.joint + 1}
         slower = self.slower
         table["slower"] = slower and {"at_least": slower.at_least, "factor": slower.factor}
         return table
@@ -246,9 +253,10 @@ def evidence(
     by_positions = None
     if verdict == "broken" and any(len(own.readings.times) for own in joints):
         positions = replace(log, velocities=None)
-        by_positions = evidence(
-            positions, limits, window=window, accelerations=accelerations
-        ).verdict
+        alone = evidence(positions, limits, window=window, accelerations=accelerations)
+        by_positions = alone.verdict
+        if by_positions != "broken" and convictions[0].at_least > _MISFIT:
+            return replace(alone, misfit=convictions[0])
     slower = _slower(joints, lows, at_rest) if verdict == "broken" else None
     return Evidence(
         verdict, told, motion, at_rest, convictions, log, noise, window, by_positions, slower
