@@ -84,8 +84,10 @@ def best(problem: Problem, seed: int) -> Best:
     if not trials:
         raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
     durations = [own.certified_duration or np.inf for own in trials]
-    # of equal ones the last, which may be a proof that there is none
-    chosen = len(trials) - 1 - int(np.argmin(durations[::-1]))
+    # of equal ones the last that tried, whose answer may be a proof that there is none
+    numbers = range(len(trials))
+    tried = [own.status is not Status.UNSUPPORTED for own in trials]
+    chosen = min(numbers, key=lambda own: (durations[own], not tried[own], -own))
     proved = end_to_end_bound(problem)
     record = records.find(problem)
     if record is not None:
@@ -101,10 +103,12 @@ def best(problem: Problem, seed: int) -> Best:
 
 
 def _stopping(problem: Problem) -> float | None:
-    """The duration of stopping at every waypoint, s; None where that is not all that is asked."""
-    if problem.limits.others or problem.demands:
+    """The time of stopping at every waypoint, s; None where that may keep not all that is asked."""
+    demand = problem.route.demand
+    if problem.limits.others or not problem.route.dilatable:
         return None
-    return float(stop_times(problem).sum())
+    times = np.maximum(stop_times(problem), demand("least_times"))
+    return float(times.sum() + demand("dwell").sum())
 
 
 def plan(problem: Problem | str | Path, planner: object = None, *, seed: int = 0) -> Trial:

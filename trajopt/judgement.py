@@ -34,7 +34,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.core.units import mixed_units
-from trajopt.explain import decomposition
+from trajopt.explain import decomposition, references
 from trajopt.explain.decomposition import Explanation
 from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
 from trajopt.formats.motion import Motion
@@ -121,11 +121,13 @@ class Judgement(Execution):
         trajectory: The motion with the times at which it passes each waypoint.
         via_tolerance: Rad, of each joint.
         tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
+        asked: The problem through its own waypoints, where that is so.
     """
 
     trajectory: Trajectory
     via_tolerance: float
     tolerance_needed: bool = False
+    asked: Problem | None = None
 
     def __repr__(self) -> str:
         return f"Judgement({self.motion.name} on {self.problem.name}, {self.certificate})"
@@ -151,6 +153,19 @@ class Judgement(Execution):
             return None
         known = records.answer(self.problem)
         return decomposition.explain(self.problem, None, self.trajectory, known)
+
+    @cached_property
+    def optimum_within(self) -> float | None:
+        """The best known minimum time with every waypoint within `via_tolerance`, s.
+
+        None where the motion passes the waypoints without it, or no planner finds that optimum.
+        """
+        if not self.tolerance_needed or self.asked is None:
+            return None
+        demands: dict[str, Any] = {**self.asked.demands, "tolerance": self.via_tolerance}
+        near = replace(self.asked, demands=demands)
+        answers = (references.asked(name, near) for name in references.references(near))
+        return next((own.duration for own in answers if own.duration is not None), None)
 
     @property
     def gap(self) -> float | None:
@@ -180,6 +195,7 @@ class Judgement(Execution):
             "status": str(self.status),
             "claimed_duration": self.claimed_duration,
             "gap": self.gap,
+            "optimum_within_tolerance": self.optimum_within,
             "waypoint_times": self.trajectory.waypoint_times.tolist(),
             "flaws": list(self.certificate.flaws),
         }
@@ -249,7 +265,9 @@ def judge(
         return strict
     moved = _as_passed(asked, trajectory, via_tolerance)
     certificate = verify(moved, trajectory, at_rest=at_rest)
-    passed = replace(strict, problem=moved, certificate=certificate, tolerance_needed=True)
+    passed = replace(
+        strict, problem=moved, certificate=certificate, tolerance_needed=True, asked=asked
+    )
     helps = certificate.valid or (passed.without_jerk and not strict.without_jerk)
     return passed if helps else strict
 

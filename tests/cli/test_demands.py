@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from baselines.exact.acceleration import Exact
+from trajopt import Limits, Problem, judge
 from trajopt.cli import main
 
 TEXT = """
@@ -47,3 +49,15 @@ def test_a_motion_is_planned_written_read_and_judged(demand, tmp_path, monkeypat
     assert judged["feasible"]
     if demand.startswith("given"):
         assert judged["waypoint_times"] == pytest.approx([0, 1.2, 2.4, 3.6, 4.8], rel=1e-9)
+
+
+def test_a_motion_that_passes_near_is_compared_with_the_optimum_of_its_tolerance():
+    """There and back at velocity 1 and acceleration 2: 2 (1 − 0.15 + 0.5) s."""
+    exactly = Problem([[0.0], [1.0], [0.0]], Limits([1.0], [2.0]))
+    near = Exact().solve(Problem([[0.0], [0.9], [0.0]], exactly.limits)).trajectory
+    found = judge(exactly, near, via_tolerance=0.15)
+    assert found.tolerance_needed
+    assert found.optimum_within == pytest.approx(2.7, rel=1e-9)
+    assert found.gap == pytest.approx(0.0, abs=1e-9)  # through the points that it passes
+    assert found.as_dict()["optimum_within_tolerance"] == found.optimum_within
+    assert judge(exactly, near, via_tolerance=0.05).optimum_within is None

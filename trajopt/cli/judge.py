@@ -186,6 +186,12 @@ def _verdict(found: Judgement) -> Iterator[str]:
             f"{found.problem.shared_unit()}: "
             "judged, and compared, through the points that it passes."
         )
+        within, duration = found.optimum_within, found.certified_duration
+        if within is not None and duration is not None:
+            yield (
+                f"Within that tolerance of every waypoint the best known optimum is {within:.6g} "
+                f"s: this takes {100 * (duration / within - 1):.2f} % longer."
+            )
 
 
 def slower(certificate: Certificate) -> str:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from trajopt.core.demand import names as demands_in_words
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.limits import KINDS, FallingVelocity
 from trajopt.core.problem import Problem
@@ -133,6 +134,9 @@ def asked(name: str, problem: Problem) -> ReferenceAnswer:
     try:
         planner = load(name)
         reason = planner.unsupported(problem)
+        unknown = planner.unknown_demands(problem)
+        if reason is None and unknown:
+            reason = f"it does not know {demands_in_words(unknown)}"
         if reason is not None:
             return ReferenceAnswer(None, reason)
         return judged(problem, planner, planner.solve(problem))

@@ -254,7 +254,10 @@ class Planner(ABC):
         left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
         kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
         said = [f"{kinds} limits are left out"] if left_out else []
-        shown = problem.without(*left_out, *self.unknown_demands(problem))
+        demands = self.unknown_demands(problem)
+        if "tolerance" in demands:
+            said.append("it passes waypoints exactly")
+        shown = problem.without(*left_out, *demands)
         if self.joins_segments(problem):
             side = "widest" if self.drops else "tightest"
             limits = shown.limits.in_all_segments(tightest=not self.drops)

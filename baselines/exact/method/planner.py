@@ -90,7 +90,7 @@ class SeveralStarts(Planner):
 
     def relation(self, problem: Problem) -> Relation:
         """Return `RELAXATION` if limits of joints that move are ignored."""
-        if self.joins_segments(problem):
+        if self.joins_segments(problem) or self.unknown_demands(problem):
             return Relation.RESTRICTION
         return Relation.RELAXATION if self.unknown(SIMPLEST.apply(problem)) else Relation.SAME
 
