@@ -116,9 +116,8 @@ class Spline(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         if self.ends == "standstill" and problem.has("jerk"):
             return "without rest at its ends acceleration jumps there, and jerk is limited"
-        merged, _ = problem.merged()
         try:
-            self._family(merged)
+            self._family(SIMPLEST.apply(problem))
         except InvalidInput as error:
             return str(error)
         return None

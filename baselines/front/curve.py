@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +15,7 @@ from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import FrontPoint
+from trajopt.planners.reductions import EQUAL_WAYPOINTS
 
 # Relative distances of the bounds from the best motions that are close enough.
 _FREE_WITHIN = 2e-3
@@ -42,7 +42,7 @@ def front(
     Raises:
         InvalidInput: No motion of a duration is found, or no motion at all.
     """
-    merged, index = problem.merged()
+    merged = EQUAL_WAYPOINTS.apply(problem)
     power = 2 * _ORDERS[measure] - 1
     known = incumbent(merged, _REFERENCE_SECONDS)
     if durations is None:
@@ -65,8 +65,7 @@ def front(
         if found.limits_act and time_limit > 0 and lower < found.value * (1 - LIMITS_WITHIN):
             bound = bound_with_limits(merged, measure, found, time_limit)
             lower = max(lower, bound.lower)
-        passed = found.trajectory.waypoint_times[index]
-        trajectory = replace(found.trajectory, waypoint_times=passed)
+        trajectory = EQUAL_WAYPOINTS.restored(problem, found.trajectory)
         points.append(FrontPoint(duration, found.value, lower or None, trajectory))
     return points
 

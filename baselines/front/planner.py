@@ -66,6 +66,7 @@ class Smooth(Planner):
 
         return front(problem, self.measure, durations, time_limit)
 
+    # Joints that rest stay: the units of all joints are part of the measure.
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best local optimum. `stats`: `value`, the integral; `limits_act`.
