@@ -34,10 +34,10 @@ PROBLEMS = (
     "reversal",
     "repeated",
     "resting-joint",
-    "robots-ur5e-w4",
+    "yu2025-task4",
     "random-zigzag-j3-w3-11",
     "random-smooth-j3-w4-01",
-    "random-zigzag-j3-w4-04",
+    "random-zigzag-j7-w3-01",
 )
 FACTORS = (1.2, 1.5, 2.0, 3.0)  # times the shortest duration known
 _POWER = 5  # of the duration, for jerk
