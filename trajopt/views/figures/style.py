@@ -78,7 +78,7 @@ def places(labels: Iterable[str]) -> dict[str, int]:
     """Return the place of each planner's look.
 
     A planner of this toolkit has its own, also with options; where two labels are of one planner,
-    the one with fewer options has it. Other labels get the next place that nobody here has.
+    the one with fewer options has it. Other labels get the places after the toolkit's.
     """
     order = list(dict.fromkeys(labels))
     taken: dict[str, int] = {}
@@ -86,8 +86,7 @@ def places(labels: Iterable[str]) -> dict[str, int]:
         name = label.partition(":")[0]
         if name in KNOWN and KNOWN.index(name) not in taken.values():
             taken[label] = KNOWN.index(name)
-    used = set(taken.values())
-    free = (place for place in count() if place not in used)
+    free = count(len(KNOWN))
     return {label: taken[label] if label in taken else next(free) for label in order}
 
 
