@@ -7,7 +7,7 @@ has one colour and mark everywhere. This module does not import Matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import count
 from math import log10
 from typing import Any
@@ -78,16 +78,27 @@ def places(labels: Iterable[str]) -> dict[str, int]:
     """Return the place of each planner's look.
 
     A planner of this toolkit has its own, also with options; where two labels are of one planner,
-    the one with fewer options has it. Other labels get the places after the toolkit's.
+    the one with fewer options has it. Other labels get places after the toolkit's, of colours that
+    nobody here has while there are such.
     """
     order = list(dict.fromkeys(labels))
-    taken: dict[str, int] = {}
+    found: dict[str, int] = {}
     for label in sorted(order, key=len):
         name = label.partition(":")[0]
-        if name in KNOWN and KNOWN.index(name) not in taken.values():
-            taken[label] = KNOWN.index(name)
-    free = count(len(KNOWN))
-    return {label: taken[label] if label in taken else next(free) for label in order}
+        if name in KNOWN and KNOWN.index(name) not in found.values():
+            found[label] = KNOWN.index(name)
+    for label in order:
+        if label not in found:
+            found[label] = _free(found.values())
+    return found
+
+
+def _free(taken: Collection[int]) -> int:
+    """Return the first place after the toolkit's of a colour that is not taken, or else any."""
+    first = len(KNOWN)
+    colours = {place % len(CURVES) for place in taken}
+    fresh = [p for p in range(first, first + len(CURVES)) if p % len(CURVES) not in colours]
+    return fresh[0] if fresh else next(p for p in count(first) if p not in taken)
 
 
 def text(name: str) -> str:
