@@ -24,6 +24,21 @@ def trials():
     return some_trials()
 
 
+@pytest.fixture
+def drawings(monkeypatch):
+    """Every file that is drawn; it holds no picture, which takes most of the time."""
+    files = []
+
+    def write(figure, file):
+        files.append(file)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(b"drawn")
+        return file
+
+    monkeypatch.setattr(plots, "write", write)
+    return files
+
+
 def slow_trial(segment_time):
     problem = catalogue.load("one-joint")
     planner = load(f"unoptimised:segment_time={segment_time}")
@@ -45,6 +60,7 @@ def test_a_problem_has_a_folder_with_a_picture_of_each_kind(trials, tmp_path):
     assert {file.parent for file in files} == {tmp_path / "one-joint"}
 
 
+@pytest.mark.usefixtures("drawings")
 def test_of_many_planners_the_shortest_middle_and_longest_move(trials, tmp_path):
     slower = [slow_trial(time) for time in (10, 20, 30, 40, 50)]
     files = draw.draw([trials[0], *slower], tmp_path)
@@ -73,20 +89,6 @@ def test_every_motion_is_written_on_request(trials, tmp_path):
     motion = (folder / "motion-sleepy_deeply.svg").read_text(encoding="utf-8")
     assert "median of 3 runs, seed 1" in motion
     assert "exact optimum" in motion
-
-
-@pytest.fixture
-def drawings(monkeypatch):
-    """Every file that is drawn."""
-    files = []
-    original = plots.write
-
-    def write(figure, file):
-        files.append(file)
-        return original(figure, file)
-
-    monkeypatch.setattr(plots, "write", write)
-    return files
 
 
 def test_figures_of_the_same_trials_are_drawn_once(trials, tmp_path, drawings):
@@ -120,6 +122,7 @@ def test_a_deleted_figure_is_drawn_again(trials, tmp_path, drawings):
     assert first.is_file()
 
 
+@pytest.mark.usefixtures("drawings")
 def test_a_motion_that_is_no_longer_shown_is_removed(trials, tmp_path):
     draw.draw(trials, tmp_path)
     files = draw.draw(trials[:2], tmp_path)
@@ -128,6 +131,7 @@ def test_a_motion_that_is_no_longer_shown_is_removed(trials, tmp_path):
     assert {file.name for file in files} <= names
 
 
+@pytest.mark.usefixtures("drawings")
 def test_a_figure_that_fails_is_a_warning_and_drawn_by_the_next_run(trials, tmp_path, monkeypatch):
     def broken(*_, **__):
         raise RuntimeError("no ink")
@@ -140,6 +144,7 @@ def test_a_figure_that_fails_is_a_warning_and_drawn_by_the_next_run(trials, tmp_
     assert "gaps" in {file.stem for file in draw.draw(trials, tmp_path)}
 
 
+@pytest.mark.usefixtures("drawings")
 def test_problems_of_one_name_have_folders_of_their_own(tmp_path):
     problems = [Problem([[0.0], [x]], Limits([1.0], [1.0]), "same") for x in (1.0, 2.0)]
     trials = []
@@ -197,6 +202,7 @@ def test_convergence_is_certified_in_the_report_as_in_the_figure():
     np.testing.assert_allclose(band["middle"][-1], trial.certified_duration, rtol=1e-5)
 
 
+@pytest.mark.usefixtures("drawings")
 def test_searches_whose_median_never_has_an_answer_have_no_curve(trials, tmp_path, monkeypatch):
     """Infinite curves have no logarithm: every file of the folder is written without them."""
     infinite = np.full((3, 2), np.inf)
@@ -215,6 +221,7 @@ def test_a_planner_has_its_colour_of_the_figures_in_the_report(trials):
         assert planner["colour"] == look["color"]
 
 
+@pytest.mark.usefixtures("drawings")
 def test_the_figures_of_a_suite_are_written_without_those_of_each_problem(tmp_path):
     found = []
     for number in (1.0, 2.0):

@@ -202,7 +202,7 @@ def test_the_reader_s_own_style_counts(results: Results) -> None:
 
 
 def test_a_pdf_embeds_its_fonts_and_holds_no_pixels(results: Results, tmp_path: Path) -> None:
-    draw.write(results, tmp_path, "pdf")
+    draw.write(results, tmp_path, "pdf", each_problem=False)
     for name in ("profile", "gaps", "anytime-seconds", "anytime-evaluations"):
         content = (tmp_path / f"{name}.pdf").read_bytes()
         assert re.search(rb"/MediaBox \[ 0 0 252 ", content)  # points: 3.5 in
@@ -210,7 +210,7 @@ def test_a_pdf_embeds_its_fonts_and_holds_no_pixels(results: Results, tmp_path: 
         assert fonts
         assert len(re.findall(rb"/FontFile2 \d+ 0 R", content)) >= len(set(fonts)) / 2
         assert b"/Subtype /Image" not in content
-    draw.write(results, tmp_path, "svg")
+    draw.write(results, tmp_path, "svg", each_problem=False)
     drawn = (tmp_path / "profile.svg").read_text(encoding="utf-8")
     assert "<image" not in drawn
     assert "a_b" in drawn
