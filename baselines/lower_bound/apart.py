@@ -8,10 +8,15 @@ a problem is a relaxation.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
 import numpy as np
 
 from trajopt.core.arrays import Bools
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared, thinned
 
@@ -54,10 +59,29 @@ def relaxed(problem: Problem) -> Problem:
     if "tolerance" not in problem.demands:
         return thinned(problem)
     kept = counted(problem)
-    found = problem if kept.all() else problem.at(kept)
+    found = problem if kept.all() else replace(problem.at(kept), limits=_widest(problem, kept))
     r = found.route.demand("tolerance")
     times = found.route.demand("least_times") + found.route.demand("given_times")
     ways = np.abs(found.displacements) > r[:-1] + r[1:]
     if not (ways.any(axis=1) | (times > 0)).all():
         raise InvalidInput("tolerance", "waypoints that no instant passes together")
     return found
+
+
+def _widest(problem: Problem, kept: Bools) -> Limits:
+    """The limits of the segments between these waypoints: the widest of all that each consists of.
+
+    Which of them a motion has passed at an instant is not known.
+    """
+    limits = problem.limits
+    if limits.segments is None:
+        return limits
+    groups = pairwise(np.flatnonzero(kept).tolist())
+    widest = [
+        limits.of_segments(np.arange(*ends)).in_all_segments(tightest=False).by_name()
+        for ends in groups
+    ]
+    pairs: dict[str, Any] = {}
+    for name, own in limits.by_name().items():
+        pairs[name] = own if own.ndim == 2 else np.stack([each[name] for each in widest])
+    return Limits(**pairs, others=limits.others)

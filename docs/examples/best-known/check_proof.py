@@ -127,6 +127,14 @@ def apart(points, room, waits):  # a box that does not leave the one before may 
     return kept
 
 
+def loosest(table):  # the widest limits of several segments
+    pairs = [list(zip(*each, strict=True)) for each in zip(*table, strict=True)]
+    return [
+        [None if None in own else most(own) for own, most in zip(each, (min, max), strict=True)]
+        for each in pairs
+    ]
+
+
 # --- the problem ---
 
 said = json.load(
@@ -171,7 +179,7 @@ if not others:
 elif proof and any(map(any, room)):  # leave out waypoints whose boxes overlap
     kept = apart(points, room, waits)
     points, room = ([table[k] for k in kept] for table in (points, room))
-    rows = [[own[k - 1] for k in kept[1:]] for own in rows]
+    rows = [[loosest(own[i:k]) for i, k in pairwise(kept)] for own in rows]
     least = [sum(least[i:k]) for i, k in pairwise(kept)]
     waits = [waits[k] for k in kept]
 others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
