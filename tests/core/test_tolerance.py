@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
+from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound.apart import counted, relaxed
 from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
@@ -152,3 +153,23 @@ def test_no_program_bounds_what_hardly_moves():
     problem = Problem([[0.0], [0.1], [0.0]], Limits([1.0], [1.0]), tolerance=0.09995)
     with pytest.raises(InvalidInput):
         relaxed(problem)
+
+
+def test_with_jerk_limits_a_turn_is_at_the_near_side_too():
+    limits = Limits([1.0], [2.0], [8.0])
+    within = ExactJerk().solve(Problem([[0.0], [1.0], [0.0]], limits, tolerance=0.15)).trajectory
+    exactly = ExactJerk().solve(Problem([[0.0], [0.85], [0.0]], limits)).trajectory
+    assert within.duration == pytest.approx(exactly.duration, rel=1e-9)
+
+
+def test_with_jerk_limits_wider_never_takes_longer():
+    limits = Limits([2.0, 2.0], [4.0, 3.0], [30.0, 40.0])
+    found = []
+    for row in (0.0, 0.002, [0.05, 0.02], [0.1, 0.1]):
+        problem = Problem(WAYPOINTS, limits, tolerance=row)
+        certificate = verify(problem, ExactJerk().solve(problem).trajectory)
+        assert certificate.feasible
+        found.append(certificate.certified_duration)
+    assert np.diff(found).max() <= 1e-9
+    beside = Problem(WAYPOINTS, limits, tolerance=0.1, start_velocity=[0.1, 0.0])
+    assert ExactJerk().unsupported(beside).endswith("a tolerance beside start velocity")

@@ -7,18 +7,23 @@ in which such neighbours are one waypoint, in the intersection of their boxes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from baselines.exact.method.planner import SeveralStarts
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
 
 # Pairs of neighbours that are tried one by one, beside all together and none.
 MAX_PAIRS = 8
+FEW_STARTS = 2  # of each of several problems
+
+PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
 
 
 class Merged(NamedTuple):
@@ -40,6 +45,31 @@ def merged(problem: Problem) -> Iterator[Merged]:
         found = _joined(problem, joined)
         if found is not None:
             yield found
+
+
+def best(
+    planner: PlannerT, problem: Problem, solve: Callable[[Problem, PlannerT], Solution]
+) -> Solution:
+    """Return the best answer of the problem, and of those with neighbours in one.
+
+    Args:
+        planner: Of local optima.
+        problem: With a tolerance.
+        solve: Answers a problem as such a planner does.
+    """
+    candidates = list(merged(problem))
+    if len(candidates) > 1:
+        # where neighbours overlap the whole problem's own optimum may have a time of 0
+        planner = replace(planner, starts=min(planner.starts, FEW_STARTS))
+    found = []
+    for own, index in candidates:
+        solution = solve(own, planner)
+        motion = solution.trajectory
+        if motion is not None:
+            motion = replace(motion, waypoint_times=motion.waypoint_times[index])
+        found.append(replace(solution, trajectory=motion))
+    solved = [own for own in found if own.trajectory is not None]
+    return min(solved or found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
 
 
 def _box(problem: Problem) -> tuple[Array, Array]:

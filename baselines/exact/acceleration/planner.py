@@ -15,8 +15,7 @@ for this program (`exact.method.crossover`) leads to a local optimum.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Literal
 
@@ -49,7 +48,6 @@ Start = tuple[Array, Array]  # segment times, waypoint velocities
 
 # Largest number of initial guesses if all fail, times `starts`.
 MAX_STARTS_FACTOR = 5
-FEW_STARTS = 2  # of each of several problems
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
 DILATION_TOL = 1e-15
@@ -88,23 +86,8 @@ class Exact(SeveralStarts):
         self.announce("exact", problem)
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return self._within_tolerance(problem)
+            return boxes.best(self, problem, lambda own, planner: planner._solved(own, None))
         return brief_steps.solved(problem, known, self._solved)
-
-    def _within_tolerance(self, problem: Problem) -> Solution:
-        """The best answer of the problem, and of those with neighbouring waypoints in one."""
-        found = []
-        candidates = list(boxes.merged(problem))
-        few = replace(self, starts=min(self.starts, FEW_STARTS))
-        for own, index in candidates:
-            # where neighbours overlap the whole problem's own optimum may have a time of 0
-            solution = (few if len(candidates) > 1 else self)._solved(own, None)
-            motion = solution.trajectory
-            if motion is not None:
-                motion = replace(motion, waypoint_times=motion.waypoint_times[index])
-            found.append(replace(solution, trajectory=motion))
-        solved = [own for own in found if own.trajectory is not None]
-        return min(solved or found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
 
     def _solved(self, problem: Problem, _: Array | None) -> Solution:
         """Return the answer for waypoints that are all exact."""
@@ -131,16 +114,6 @@ class Passing(Scaled):
     def has_demands(self) -> bool:
         """Return whether the route asks for more than exact waypoints and rest at its ends."""
         return bool(self.closed or self.least.any() or self.tolerance.any())
-
-    def shifted(self, offset: Array) -> Passing:
-        """Return the problem without tolerance, with moved waypoints, `(waypoints, joints)`."""
-        waypoints = np.array(self.problem.waypoints)
-        waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
-        own = copy(self)
-        own.problem = replace(self.problem.without("tolerance", "position"), waypoints=waypoints)
-        own.tolerance = 0 * self.tolerance
-        own.h = own.problem.displacements[:, self.moving] / self.units[-1]
-        return own
 
     def trajectory(self, times: Array, states: Any) -> Trajectory:
         """Return the motion of least acceleration of each joint in each segment."""

@@ -307,7 +307,7 @@ class JerkLinearisation:
             self.missed[FASTER, ..., -1, :] = 0.0
         if cells.by_segment:
             self.missed[EARLY] = rows.t * cells.signs[:2] * rows.missing[0] * cells.starts
-        self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1), cells.closed)
+        self.chain = Chain(rows.times, links, self._by_cell(matrix), cells.closed)
 
     def slope(self, multipliers: Array) -> Array:
         """The largest right-hand side of a step over the times, `(starts,)`.
@@ -330,9 +330,8 @@ class JerkLinearisation:
     def bending(self, step: JerkUnknowns) -> Array:
         """By how much a step changes every row at second order."""
         rows = self.rows
-        before, after = at_ends(step.acceleration, closed=rows.cells.closed)
-        log = np.broadcast_to(step.log[..., None], after.shape)
-        changes = np.array([log, step.ends[0], before, step.ends[1], after])
+        changes = self._changes(step)
+        log, _, before, _, after, *_ = changes
         bent = (rows.slopes.second * changes[:, None]).sum(axis=1)
         table = np.zeros_like(self.weights)
         by_times = rows.slopes.first[TIME, :REACH] * log**2
@@ -346,6 +345,16 @@ class JerkLinearisation:
             bending = rows.cells.starts * (rows.ramping != 0)
             table[EARLY] = -rows.cells.falling * before**2 / 2 * bending
         return table[:, None]
+
+    def _changes(self, step: JerkUnknowns) -> Array:
+        """A step in the variables of every cell."""
+        before, after = at_ends(step.acceleration, closed=self.rows.cells.closed)
+        log = np.broadcast_to(step.log[..., None], after.shape)
+        return np.array([log, step.ends[0], before, step.ends[1], after])
+
+    def _by_cell(self, matrix: Array) -> Array:
+        """The matrix over each cell's variables, as `Chain` takes it."""
+        return matrix.transpose(2, 3, 4, 0, 1)
 
     def _gradient(self, multipliers: Array) -> Array:
         """The gradient of the rows over the cells' variables, with what the links miss."""

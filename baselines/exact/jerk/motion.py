@@ -22,6 +22,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from baselines.exact.jerk.cells import FLIPS, JerkInequalities, JerkTables, JerkUnknowns
+from baselines.exact.jerk.near import NearUnknowns, at_exact_points
 from baselines.exact.method.chain import at_ends, with_outer
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
@@ -73,6 +74,9 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
+        if isinstance(states, NearUnknowns):
+            moved = self.shifted(np.clip(states.offset[0], -self.tolerance, self.tolerance))
+            return moved.trajectory(times, at_exact_points(moved, times, states))
         with np.errstate(all="ignore"):
             pieces, velocity = _fitted(self, times, states)
         return self.motion(pieces, velocity)

@@ -15,14 +15,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from baselines.exact.acceleration import Exact
+from baselines.exact.acceleration import Exact, boxes
 from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
+from baselines.exact.jerk.near import NearInequalities, NearTables
 from baselines.exact.method import brief_steps
 from baselines.exact.method.interior_point import begun, chosen, converged, descended
 from baselines.exact.method.planner import (
@@ -64,12 +65,20 @@ class ExactJerk(SeveralStarts):
     starts: int = 4
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
-    knows = ("velocity", "acceleration", "jerk", "segment", *END_STATES, *DEMANDS_KNOWN)
+    knows = (
+        *("velocity", "acceleration", "jerk", "segment"),
+        *(*END_STATES, *DEMANDS_KNOWN, "tolerance"),
+    )
     seconds = (3e-4, 2e-8)
 
     def unsupported(self, problem: Problem) -> str | None:
         if self.solver == "ipopt" and problem.limits.segments is not None:
             return "its program for IPOPT has the same limits in all segments"
+        beside = ["segment limits"] * (problem.limits.segments is not None)
+        beside += [key for key in END_STATES if key in problem.demands]
+        if "tolerance" in problem.demands and beside and problem.has("jerk"):
+            other = beside[0].replace("_", " ")
+            return f"with jerk limits it does not know a tolerance beside {other}"
         return one_sided.unsupported(problem) or without_ipopt(self.solver, problem)
 
     @reduced(SIMPLEST)
@@ -83,6 +92,8 @@ class ExactJerk(SeveralStarts):
             return Exact(self.starts, self.agreeing, self.solver).solve(jerkless)
         self.announce("exact-jerk", problem)
         known = problem.without(*self.unknown(problem))
+        if "tolerance" in problem.demands:
+            return boxes.best(self, problem, lambda own, planner: planner._solved(own, None))
         return brief_steps.solved(problem, known, self._solved)
 
     def _solved(self, problem: Problem, left_out: Array | None) -> Solution:
@@ -129,12 +140,14 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
 
 def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
     """The local optimum near each start."""
-    cells = JerkTables(scaled, kinds=2)
+    near = bool(scaled.tolerance.any())
+    cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
+    begins: Any = NearInequalities if near else JerkInequalities
     times, velocity, acceleration = (np.array(own) for own in zip(*starts, strict=True))
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
-        iterate = descended(begun(JerkInequalities(cells, point)), converged)
+        iterate = descended(begun(begins(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point
     numbers = np.arange(len(starts))

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+from typing import Self
+
 import numpy as np
 
 from baselines.exact.method.pieces import Pieces
@@ -93,6 +97,16 @@ class Scaled:
         lows = np.maximum(low, np.roll(low, -1, axis=0))
         highs = np.minimum(high, np.roll(high, -1, axis=0))
         return np.array([lows, highs])[:, : None if self.closed else -1]
+
+    def shifted(self, offset: Array) -> Self:
+        """Return the problem without tolerance, with moved waypoints, `(waypoints, joints)`."""
+        waypoints = np.array(self.problem.waypoints)
+        waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
+        own = copy(self)
+        own.problem = replace(self.problem.without("tolerance", "position"), waypoints=waypoints)
+        own.tolerance = 0 * self.tolerance
+        own.h = own.problem.displacements[:, self.moving] / self.units[-1]
+        return own
 
     def velocities(self, times: Array, ends: Array) -> Array:
         """Return the velocities at the inner waypoints, `(segments - 1, joints)`.

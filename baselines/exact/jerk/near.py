@@ -1,0 +1,143 @@
+"""The jerk-limited program with waypoints within tolerance (mathematics, section 4).
+
+The inner waypoints' offsets `p` are unknowns, `|p| ≤ r`. Only the reach of a cell changes, by
+`(p' − p)/T²` in units of its time; in the chain an offset stands behind the acceleration.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baselines.exact.jerk.cells import (
+    REACH,
+    JerkInequalities,
+    JerkLinearisation,
+    JerkTables,
+    JerkUnknowns,
+)
+from baselines.exact.jerk.profiles import ACCELERATIONS, TIME, VELOCITIES, Slopes
+from baselines.exact.method.chain import at_ends
+from baselines.exact.method.interior_point import chosen, moved
+from baselines.exact.method.scaled import Scaled
+from trajopt.core.arrays import Array, Bools
+
+# Offsets at both ends of a cell follow its other variables; in the chain they stand behind the
+# acceleration of their waypoint.
+_OFFSETS = 5, 6
+_IN_CHAIN = [0, 1, 2, 5, 3, 4, 6]
+_FROM_CHAIN = [0, 1, 2, 4, 5, 3, 6]
+
+
+class NearUnknowns(NamedTuple):
+    """The unknowns of `JerkUnknowns`, and the waypoints' offsets.
+
+    Attributes:
+        offset: of the waypoints with a state, from their nominal positions, as `velocity` is.
+    """
+
+    log: Array
+    ends: Array
+    velocity: Array
+    acceleration: Array
+    offset: Array
+
+
+class NearTables(JerkTables):
+    """The constant tables of the program, with the half widths of the boxes."""
+
+    def __init__(self, scaled: Scaled, kinds: int = 1) -> None:
+        super().__init__(scaled, kinds)
+        r = np.zeros(scaled.h.shape)
+        r[: len(scaled.tolerance)] = scaled.tolerance
+        self.free = r > 0
+        self.box = np.where(self.free, r, 1.0)
+        before = np.roll(self.free, 1, axis=0)
+        before[0] &= scaled.closed
+        self.free_before = before
+
+    def linked(self, times: Array, velocity: Array, acceleration: Array) -> Any:
+        point = super().linked(times, velocity, acceleration)
+        return NearUnknowns(*point, np.zeros_like(velocity))
+
+
+class NearInequalities(JerkInequalities):
+    """The rows of `JerkInequalities`, and after them those of the boxes, both sides of each."""
+
+    cells: NearTables
+    point: Any
+
+    def __init__(self, cells: NearTables, point: Any) -> None:
+        super().__init__(cells, point)
+        first, last = at_ends(point.offset, closed=cells.closed)
+        self.way = (last - first) / self.t**2
+        self.reach = self.reach - cells.signs * self.way
+        share = last / cells.box
+        boxes = np.where(cells.free, [1 - share, 1 + share], 1.0)
+        self.values = np.concatenate([self.reach[:, None], self.values[REACH:], boxes[:, None]])
+
+    def linear(self, multipliers: Array, weights: Array) -> NearLinearisation:
+        return NearLinearisation(self, multipliers, weights)
+
+    def after(self, step: Any, length: Array) -> NearInequalities:
+        point = moved(self.point, step, length)
+        shorter = np.log1p(-length[:, None] * step.log)
+        return NearInequalities(self.cells, point._replace(log=self.point.log - shorter))
+
+    def of(self, some: Bools) -> NearInequalities:
+        return NearInequalities(self.cells, chosen(self.point, some))
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        cells = self.cells
+        known = super().slopes
+        count, rows, *shape = known.first.shape
+        first = np.zeros((count + 2, rows, *shape))
+        first[:count] = known.first
+        second = np.zeros((count + 2, count + 2, REACH, *shape))
+        second[:count, :count] = known.second
+        way = cells.signs * self.way
+        by_square = cells.signs / self.t**2
+        before, after = _OFFSETS
+        first[TIME, :REACH] += 2 * way
+        first[before, :REACH] = by_square * cells.free_before
+        first[after, :REACH] = -by_square * cells.free
+        first[after, -2:] = np.reshape([-1.0, 1.0], (2, 1, 1, 1)) * (cells.free / cells.box)
+        second[TIME, TIME] -= 4 * way
+        for offset, sign, free in ((before, -2, cells.free_before), (after, 2, cells.free)):
+            second[TIME, offset] = second[offset, TIME] = sign * by_square * free
+        return Slopes(first, second)
+
+
+class NearLinearisation(JerkLinearisation):
+    """The program near a point."""
+
+    rows: NearInequalities
+
+    def _by_cell(self, matrix: Array) -> Array:
+        # a waypoint that is exact stays where it is
+        _, after = _OFFSETS
+        matrix[after, after] += ~self.rows.cells.free
+        return super()._by_cell(matrix[np.ix_(_IN_CHAIN, _IN_CHAIN)])
+
+    def _gradient(self, multipliers: Array) -> Array:
+        return super()._gradient(multipliers)[..., _IN_CHAIN]
+
+    def step(self, aim: Array) -> tuple[Any, Array]:
+        log, cells, velocity = self.chain.step(self._gradient(aim))
+        by_variable = cells.transpose(3, 0, 1, 2)[_FROM_CHAIN]
+        change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
+        acceleration, offset = by_variable[[ACCELERATIONS[1], _OFFSETS[1]], :, : velocity.shape[1]]
+        ends = by_variable[list(VELOCITIES)]
+        return NearUnknowns(log, ends, velocity, acceleration, offset), change[:, None]
+
+    def _changes(self, step: Any) -> Array:
+        offsets = at_ends(step.offset, closed=self.rows.cells.closed)
+        return np.concatenate([super()._changes(step), offsets])
+
+
+def at_exact_points(scaled: Scaled, times: Array, states: NearUnknowns) -> JerkUnknowns:
+    """The unknowns of one start, of the problem through the points where it passes."""
+    return JerkTables(scaled).linked(times[None], states.velocity, states.acceleration)
