@@ -33,13 +33,26 @@ class Falling(NamedTuple):
     Attributes:
         limited: which joints have one, `(joints,)`.
         numbers: offset, deceleration, upper end, lower end, and width of the corner, `(5, joints)`.
-        leaving: segments in which a joint begins where no motion towards the end is allowed, and
-            may only leave, `(2, segments, joints)`.
+        inside: where no motion towards the end is allowed, at waypoints, `(2, waypoints, joints)`.
     """
 
     limited: tuple[bool, ...]
     numbers: Array
-    leaving: Bools
+    inside: Bools
+
+    def leaving(self, intervals: int) -> Bools:
+        """Return the intervals in which a joint may only leave the end, `(2, intervals, joints)`.
+
+        In a segment that begins inside these are the first half, or all if it ends inside, too.
+        The limit counts in the others. Their lengths are free, so the joint may turn at any time.
+
+        Args:
+            intervals: number of intervals per segment.
+        """
+        begins = np.repeat(self.inside[:, :-1], intervals, axis=1)
+        ends = np.repeat(self.inside[:, 1:], intervals, axis=1)
+        first_half = np.arange(begins.shape[1]) % intervals < intervals / 2
+        return begins & (ends | first_half[:, None])
 
 
 def of(problem: Problem, unit: float, scale: Array, origin: Array) -> Falling:
@@ -56,13 +69,13 @@ def of(problem: Problem, unit: float, scale: Array, origin: Array) -> Falling:
     if isinstance(own, FallingVelocity):
         rows = own.rows
     limits = FallingVelocity(rows)
-    leaving = limits.slack(problem.waypoints[:-1]) < 0
+    inside = limits.slack(problem.waypoints) < 0
     offset, deceleration, low, high = limits.in_units(unit, scale[:, None]).rows.T
     ends = [high - origin / scale, low - origin / scale]
     top = np.sqrt(2 * deceleration * (high - low))
     corner = np.maximum(_CORNER_OF_OFFSET * offset, _CORNER_OF_TOP * top)
     numbers = np.nan_to_num(np.array([offset, deceleration, *ends, corner]))
-    return Falling(tuple(limits.bounds.tolist()), numbers, leaving)
+    return Falling(tuple(limits.bounds.tolist()), numbers, inside)
 
 
 def excess(velocity: list[Any], position: list[Any], numbers: list[Any], side: int) -> list[Any]:

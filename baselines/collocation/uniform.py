@@ -254,7 +254,7 @@ class CollocationGrid:
         """
         pieces = len(self.stop) * self.intervals
         low, high = np.repeat(self.velocity[:, None], pieces, axis=1)
-        up, down = np.repeat(self.falling.leaving, self.intervals, axis=1)
+        up, down = self.falling.leaving(self.intervals)
         return [np.where(down, 0.0, low), np.where(up, 0.0, high)]
 
     def falling_bounds(self) -> list[Array]:
@@ -264,7 +264,7 @@ class CollocationGrid:
         """
         shape = (2, len(self.stop) * self.intervals, len(self.scale))
         highest = np.zeros(shape)
-        highest[np.repeat(self.falling.leaving, self.intervals, axis=1)] = np.inf
+        highest[self.falling.leaving(self.intervals)] = np.inf
         first = highest.copy()
         first[:, :: self.intervals][:, self.resting[:-1]] = np.inf
         return [*first, *highest]

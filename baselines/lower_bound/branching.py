@@ -151,10 +151,15 @@ class _BranchAndBound:
         box = relaxation.root_box()
         self.pool = RowPool(relaxation, box)
         limited = np.isfinite(relaxation.below) | np.isfinite(relaxation.above)
-        self.separations = {
-            (segment, joint): Separation(relaxation, segment, joint)
-            for segment, joint in np.argwhere(limited).tolist()
-        }
+        # where velocity limits fall most rows need no jerk limit: those are found much sooner
+        falls = relaxation.falling.acts.any(axis=0) & relaxation.limited
+        self.separations = [
+            Separation(relaxation, *place, jerky=False) for place in np.argwhere(falls).tolist()
+        ]
+        self.separations += [
+            Separation(relaxation, *place, jerky=bool(relaxation.limited[*place]))
+            for place in np.argwhere(limited).tolist()
+        ]
         for segment in range(relaxation.segments):
             ends = (box.low[segment], box.high[segment])
             for at in np.linspace(*ends, _TANGENTS_PER_SEGMENT).tolist():
@@ -363,9 +368,10 @@ class _BranchAndBound:
             self.pool.add_violated(jerk_rows.violated_ramps(relaxation, x), x)
         cuts = extremal.violated(relaxation, x, violation / 2)
         done = {(cut.segment, cut.joint) for cut in cuts}
-        for place, separation in self.separations.items():
+        for separation in self.separations:
             if self.late:
                 break
+            place = (separation.segment, separation.joint)
             cells = None if place in done else separation.most_violated(x, violation)
             if cells is not None:
                 cuts.append(Cut(*place, cells))

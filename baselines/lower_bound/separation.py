@@ -54,13 +54,19 @@ _GAUSS_POINTS = {"first": 0.5 - 0.5 / np.sqrt(3), "second": 0.5 + 0.5 / np.sqrt(
 
 
 class Separation:
-    """The program of one segment and joint with such limits; its grid stays between calls."""
+    """The program of one segment and joint with such limits; its grid stays between calls.
 
-    def __init__(self, relaxation: Relaxation, segment: int, joint: int) -> None:
+    Args:
+        relaxation: Whose limits count.
+        segment, joint: Counted from 0.
+        jerky: Whether its rows may use a jerk limit; without it the program is a third as large.
+    """
+
+    def __init__(self, relaxation: Relaxation, segment: int, joint: int, *, jerky: bool) -> None:
         self.relaxation = relaxation
         self.segment = segment
         self.joint = joint
-        self.jerky = bool(relaxation.limited[segment, joint])
+        self.jerky = jerky
         # distances to the position limits downwards and upwards
         below = relaxation.below[segment, joint]
         self.slack = np.array([-below, relaxation.above[segment, joint]])

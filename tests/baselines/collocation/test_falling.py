@@ -123,3 +123,11 @@ def test_the_best_planner_keeps_it():
     assert found.relaxed == pytest.approx(V / A + 2.7 / V, rel=1e-9)
     joint = replace(problem, limits=problem.limits.without("falling_velocity"))
     assert best(joint, 0).trial.planner == "exact"
+
+
+def test_a_joint_that_leaves_may_turn_before_the_next_waypoint():
+    """Its limit counts as soon as it has left: the way back is not forbidden."""
+    problem = one_joint(END - 0.003, 2.5, 2.6)
+    turning = duration(problem)
+    rests = duration(one_joint(END - 0.003, 2.5)) + duration(one_joint(2.5, 2.6))
+    assert turning <= rests * (1 + 1e-6)
