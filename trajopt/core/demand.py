@@ -184,7 +184,7 @@ class Demand:
         return " ".join(filter(None, [self.name, shown, self.unit(length)]))
 
 
-class _Acceleration(Demand):
+class _EndAcceleration(Demand):
     """An acceleration at an end: of joints whose acceleration may not jump."""
 
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
@@ -247,7 +247,7 @@ class _Closed(Demand):
             raise InvalidInput(f"{self.key}, last waypoint", right, value=value, joint=joint)
 
 
-class _Tolerance(Demand):
+class _WaypointTolerance(Demand):
     """How far inner waypoints may be missed: a number, a row per joint, or a row per waypoint."""
 
     _right = "a distance of at least 0"
@@ -318,11 +318,11 @@ class _Dwell(_Times):
         return np.add.reduceat(numbers, np.flatnonzero(kept))
 
 
-_PerJoint = _Tolerance("tolerance", "", ("joints",))
+_PerJoint = _WaypointTolerance("tolerance", "", ("joints",))
 
 
 def _at_end(key: str, other: str, example: str, time: int, meaning: str) -> Demand:
-    return (Demand if time == -1 else _Acceleration)(
+    return (Demand if time == -1 else _EndAcceleration)(
         key=key,
         meaning=meaning,
         axes=("joints",),
@@ -400,7 +400,7 @@ DEMANDS: Mapping[str, Demand] = {
             (),
             example="closed = true",
         ),
-        _Tolerance(
+        _WaypointTolerance(
             "tolerance",
             "how far inner waypoints may be missed",
             ("waypoints", "joints"),

@@ -121,7 +121,7 @@ class Inequalities(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class PrimalDualState:
     """Inequalities with their slacks and multipliers, in tables of the shape of their values."""
 
     rows: Inequalities
@@ -158,9 +158,11 @@ class State:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
         return self.linear.slope(self.multipliers)
 
-    def of(self, some: Bools) -> State:
+    def of(self, some: Bools) -> PrimalDualState:
         """Return the state of some of the starts."""
-        return State(self.rows.of(some), self.slacks[:, :, some], self.multipliers[:, :, some])
+        return PrimalDualState(
+            self.rows.of(some), self.slacks[:, :, some], self.multipliers[:, :, some]
+        )
 
 
 class Iterate(NamedTuple):
@@ -174,8 +176,8 @@ class Iterate(NamedTuple):
         steps: number of iterations.
     """
 
-    state: State
-    before: State
+    state: PrimalDualState
+    before: PrimalDualState
     length: Array
     gain: Array
     steps: int
@@ -203,7 +205,7 @@ Arrived = Callable[[Iterate], Bools]
 def begun(rows: Inequalities) -> Iterate:
     """Return the initial iterate."""
     slacks = np.maximum(rows.values, rows.start_slack)
-    state = State(rows, slacks, rows.start_barrier[:, None, None] / slacks)
+    state = PrimalDualState(rows, slacks, rows.start_barrier[:, None, None] / slacks)
     length = np.full(len(rows.times), START_LENGTH)
     gain = np.full(len(rows.times), np.inf)
     return Iterate(state, state, length, gain, steps=0)
@@ -264,7 +266,7 @@ def _stepped(iterate: Iterate) -> Iterate:
         aim * MULTIPLIER_SPREAD,
     )
     return Iterate(
-        State(rows, slacks, multipliers),
+        PrimalDualState(rows, slacks, multipliers),
         state,
         length=np.minimum(forwards, upwards),
         gain=np.abs((state.rows.times * direction.step.log).sum(axis=1)),
@@ -288,7 +290,7 @@ class _Direction(NamedTuple):
     forwards: Array
 
 
-def _direction(state: State, aim: Array, miss: Array) -> _Direction:
+def _direction(state: PrimalDualState, aim: Array, miss: Array) -> _Direction:
     """Return the Newton step that also removes the primal residual `miss`."""
     step, change = state.linear.step(aim - state.weights * miss)
     slack_step = change + miss
@@ -329,7 +331,7 @@ def _followed(iterate: Iterate, aim: Array) -> tuple[Inequalities, _Direction]:
     return _shortened(iterate, _either(follows, direction, straight))
 
 
-def _bent(state: State, aim: Array, tried: _Direction, bending: Array) -> _Direction:
+def _bent(state: PrimalDualState, aim: Array, tried: _Direction, bending: Array) -> _Direction:
     """Return the step corrected for second order, unless it is much shorter than the one tried.
 
     Args:
