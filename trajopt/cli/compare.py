@@ -85,8 +85,7 @@ def compare(
     """Run planners on problems; print the table, store every trial, draw the figures.
 
     Args:
-        planner: NAME or FILE.py:NAME, with :key=value,…, repeated; by default all but those of
-            which `trajopt list` says: only if it is named.
+        planner: NAME or FILE.py:NAME, with :key=value,…, repeated; see `trajopt list`.
         motion: File of a motion to judge beside the planners (`trajopt judge`), repeated.
         suite: All problems of a suite; see `trajopt suite list`.
         output: Results folder; what is there already is kept.
