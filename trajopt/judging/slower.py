@@ -157,7 +157,7 @@ class _Search:
 
     def _of_joint(self, joint: int, slower: Trajectory, times: Array) -> Array | None:
         """One joint's coefficients, `(order + 1, pieces)`."""
-        limits = self.problem.limits.in_all_segments().only([joint])
+        limits = self.problem.limits.only([joint])
         order = 3 if limits.smooth[0] >= 2 else 2
         program = JointProgram(
             times=times,

@@ -64,13 +64,17 @@ class _Beside(NamedTuple):
 
 def off_limits(problem: Problem) -> Problem:
     """Return the problem with end states that are at a limit moved off it; itself if none is."""
-    limits = problem.limits.in_all_segments()
-    V, A, J = (
-        np.abs(own).min(axis=1) for own in (limits.velocity, limits.acceleration, limits.jerk)
-    )
     demands = dict(problem.demands)
     moved = False
-    for end, state in (("start", problem.route.start), ("end", problem.route.end)):
+
+    for end, state, segment in (
+        ("start", problem.route.start, 0),
+        ("end", problem.route.end, problem.segments - 1),
+    ):
+        limits = problem.limits.of_segments(np.array([segment]))
+        V, A, J = (
+            np.abs(own).min(axis=1) for own in (limits.velocity, limits.acceleration, limits.jerk)
+        )
         size = np.abs(state.velocity)
         led = size + state.acceleration**2 / (2 * J)
         use = np.maximum(np.maximum(size, led) / V, np.abs(state.acceleration) / A)
@@ -194,7 +198,7 @@ def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
     own.v, own.a, own.r = (_of(limits, segment) for limits in (scaled.v, scaled.a, scaled.r))
     own.end_v, own.end_a = states[:, 0], states[:, 1]
     own.least = np.zeros(1)
-    own.closed = False
+    own.closed = own.by_segment = False
     none = np.zeros((len(times), 0, scaled.h.shape[1]))
     tables = JerkTables(own)
     rows = JerkInequalities(tables, tables.linked(times[:, None], none, none))

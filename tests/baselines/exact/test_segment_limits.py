@@ -168,3 +168,16 @@ def test_a_jerk_limit_in_some_segments_only_has_no_optimum():
     assert "in some segments only" in ExactJerk().unsupported(problem)
     everywhere = Problem(problem.waypoints, Limits([[[-1, 1]], [[-2, 2]]], [2.0], [9.0]))
     assert "the same limits" in ExactJerk(solver="ipopt").unsupported(everywhere)
+
+
+def test_it_may_begin_and_end_in_motion():
+    velocity = [[[-2, 2]], [[-0.8, 0.8]], [[-2, 2]]]
+    ends = {"start_velocity": [1.5], "end_velocity": [1.0]}
+    problem = Problem([[0.0], [1.0], [2.0], [3.0]], Limits(velocity, [4.0]), **ends)
+    # to a peak and down to 0.8, at 0.8 for 1 rad, up to a peak and down to 1
+    first, last = (np.sqrt((v**2 + 0.8**2) / 2 + 4) for v in (1.5, 1.0))
+    times = [(2 - v) / 4 + (2 - 0.8) / 4 + (1 - (8 - v**2 - 0.8**2) / 8) / 2 for v in (1.5, 1.0)]
+    assert min(first, last) > 2  # it cruises
+    assert duration(problem) == pytest.approx(times[0] + 1 / 0.8 + times[1], rel=1e-9)
+    stiff = Problem(problem.waypoints, Limits(velocity, [4.0], [4e2]), **ends)
+    assert jerky(stiff) == pytest.approx(duration(problem), rel=3e-3)
