@@ -26,7 +26,8 @@ import pandas as pd
 from experiments.common.output import progress, save_table
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
-from trajopt.judging.evidence import Log, evidence
+from trajopt.judging.evidence import evidence
+from trajopt.judging.log_joint import Log
 
 V, A, J = 2.0, 10.0, 100.0
 SHARES = (1.0, 0.96, 0.69, 0.36)

@@ -12,7 +12,8 @@ from scipy.optimize import linprog
 from trajopt.core.limits import Limits
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.evidence import Log, evidence, passing
+from trajopt.judging.evidence import evidence, passing
+from trajopt.judging.log_joint import Log
 from trajopt.judging.tube import slope, tube
 from trajopt.judging.tube_proof import NO_READINGS, Readings, proved
 

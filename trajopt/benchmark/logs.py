@@ -23,9 +23,9 @@ from trajopt.judging.evidence import (
     DIGITS_WORTH,
     VELOCITY_WORTH,
     Evidence,
-    Log,
     evidence,
 )
+from trajopt.judging.log_joint import Log
 
 AS_LOG: tuple[Interpolation, ...] = ("auto", "spline")
 """Interpolations that no controller was said to use: a log may be judged by its digits."""

@@ -9,7 +9,8 @@ import numpy as np
 from trajopt.cli import console
 from trajopt.core.limits import KINDS
 from trajopt.judgement import Execution
-from trajopt.judging.evidence import EXCESS, NOISE_DOUBT, Conviction, Evidence
+from trajopt.judging.evidence import Conviction, Evidence
+from trajopt.judging.log_joint import EXCESS, NOISE_DOUBT
 
 _SHOWN = f"{100 * EXCESS:g} %"
 _COLUMNS = ("at least", "motion uses", "raw spline", "digits alone", f"{_SHOWN} shows in")
