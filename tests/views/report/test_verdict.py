@@ -69,3 +69,9 @@ def test_bars_are_as_long_as_the_durations(page, one):
     certified = one.trials()["certified_duration"]
     shortest = 100 * certified.min() / certified.max()
     assert min(map(float, bars.values())) == pytest.approx(shortest, abs=0.01)
+
+
+def test_options_stand_in_brackets():
+    assert verdict._spoken("pso:iterations=60") == "PSO (iterations=60)"
+    assert verdict._spoken("spline353-nlp") == "best 3-5-3 spline"
+    assert verdict._spoken("mine") == "mine"

@@ -55,8 +55,10 @@ def _above(line: Line) -> str:
 
 
 def _spoken(label: str) -> str:
-    """Return a planner's name in a sentence."""
-    return SPOKEN.get(label, label).removesuffix(" + 3-5-3")
+    """Return a planner's name in a sentence, its options in brackets."""
+    name, _, options = label.partition(":")
+    spoken = SPOKEN.get(name, name).removesuffix(" + 3-5-3")
+    return f"{spoken} ({options})" if options else spoken
 
 
 def of_suite(results: Tables) -> str:
