@@ -13,7 +13,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -298,7 +298,11 @@ def motion_of(
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """The motion with the times at which it passes waypoints: given ones, or the nearest."""
     demand = problem.route.demand
-    times = waypoint_times(trajectory, problem.waypoints, demand("tolerance"))
+    asked = demand("tolerance"), demand("least_times")
+    excess = None
+    if "tolerance" in problem.demands and problem.limits.segments is not None:
+        excess = partial(_beyond_both, problem, trajectory)
+    times = waypoint_times(trajectory, problem.waypoints, *asked, excess)
     waits = demand("dwell")
     given = np.append(0.0, np.cumsum(demand("given_times") + waits[:-1]))
     given[-1] += waits[-1]
@@ -306,6 +310,15 @@ def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
         times = given
         times[-1] = trajectory.duration
     return replace(trajectory, waypoint_times=times)
+
+
+def _beyond_both(problem: Problem, motion: Trajectory, waypoint: int, times: Array) -> Array:
+    """By how much velocities break the limits of the segments on both sides of a waypoint."""
+    both = [max(waypoint - 1, 0), min(waypoint, problem.segments - 1)]
+    low, high = np.moveaxis(problem.limits.of_segments(np.array(both)).velocity, -1, 0)
+    velocity = motion(times, 1)[:, None]
+    use = np.maximum(velocity / high, velocity / low)
+    return np.asarray(np.maximum(use.max(axis=(1, 2)) - 1, 0.0))
 
 
 def _check_joints(motion: Motion, joints: int) -> None:

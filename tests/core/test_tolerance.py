@@ -14,6 +14,7 @@ from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem
 from trajopt.core.exceptions import InvalidInput
+from trajopt.judgement import passing
 from trajopt.judging.verification import verify
 
 WAYPOINTS = [[0.0, 0.0], [1.0, 0.5], [2.0, 0.0], [2.5, 1.0]]
@@ -173,3 +174,22 @@ def test_with_jerk_limits_wider_never_takes_longer():
     assert np.diff(found).max() <= 1e-9
     beside = Problem(WAYPOINTS, limits, tolerance=0.1, start_velocity=[0.1, 0.0])
     assert ExactJerk().unsupported(beside).endswith("a tolerance beside start velocity")
+
+
+def test_passing_times_within_boxes_keep_least_times_and_limits_of_segments(tmp_path):
+    """The times of a motion that is read from a file: those that the boxes allow."""
+    faster = np.array([[2.0, 2.0], [0.8, 0.5], [2.0, 2.0]])
+    limits = Limits(np.stack([-faster, faster], axis=-1), [4.0, 4.0])
+    waypoints = [[0.0, 0.0], [1.0, 0.5], [2.0, 0.0], [1.5, 0.4]]
+    problem = Problem(
+        waypoints,
+        limits,
+        start_velocity=[0.5, 0.0],
+        end_velocity=[0.0, 0.1],
+        tolerance=0.02,
+        least_times=[0.0, 1.5, 0.0],
+    )
+    motion = Exact().solve(problem).trajectory
+    untimed = replace(motion, waypoint_times=motion.waypoint_times[[0, -1]])
+    assert passing(problem, untimed).waypoint_times == pytest.approx(motion.waypoint_times)
+    assert verify(problem, passing(problem, untimed)).feasible

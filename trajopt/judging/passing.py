@@ -8,6 +8,7 @@ on its way to another one, is therefore timed correctly.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,8 @@ from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 # more than rounding.
 SAME_TIME_RTOL = 1e-9
 NEWTON_STEPS = 3
+# Of a miss as large as the largest coordinate, beside a limit that is broken by all of it.
+NEAR_WEIGHT = 1e9
 # Relative to the duration: rounding of the time at which a waypoint is passed.
 PASSING_RTOL = 4 * BREAK_RTOL
 
@@ -66,7 +69,11 @@ def within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
 
 
 def waypoint_times(
-    trajectory: Trajectory, waypoints: Array, tolerance: Array | float = 0.0
+    trajectory: Trajectory,
+    waypoints: Array,
+    tolerance: Array | float = 0.0,
+    least: Array | float = 0.0,
+    excess: Callable[[int, Array], Array] | None = None,
 ) -> Array:
     """When the motion passes each waypoint, s, `(waypoints,)`; the first at 0, the last at its end.
 
@@ -74,6 +81,9 @@ def waypoint_times(
         trajectory: of as many joints as the waypoints.
         waypoints: rad, `(waypoints, joints)`. Closest is meant in joint space, over all joints.
         tolerance: of each waypoint and joint, rad: within it a waypoint is passed.
+        least: times of the segments that are kept if the waypoints can be passed so, s.
+        excess: by how much a motion that passes a waypoint at these times would break limits, as a
+            ratio: among times of the same miss the one of the least counts.
     """
     r = np.broadcast_to(tolerance, waypoints.shape)
     with np.errstate(over="ignore", invalid="ignore"):  # an infinite distance is far away
@@ -84,8 +94,17 @@ def waypoint_times(
                 candidates.append(_crossings(trajectory, waypoint, own))
         together = np.concatenate(candidates)
         times = np.unique(together)
+        separate = np.broadcast_to(least, len(waypoints) - 1)
+        if r.any() and separate.any():
+            apart = np.unique(separate[separate > 0])[:, None]
+            later = np.concatenate([times[None], times + apart, times - apart])
+            times = np.unique(np.clip(later, 0.0, trajectory.duration))
         misses = [_miss(trajectory, *own, times) for own in zip(waypoints, r, strict=True)]
-        chosen = _in_order(np.array(misses))
+        if excess is not None:
+            broken = [excess(number, times) for number in range(len(waypoints))]
+            unit = NEAR_WEIGHT / max(float(np.abs(waypoints).max()), np.finfo(float).tiny)
+            misses = [unit * miss + own for miss, own in zip(misses, broken, strict=True)]
+        chosen = _in_order(np.array(misses), times, separate)
         return _at_breaks(trajectory, waypoints, times[chosen])
 
 
@@ -145,25 +164,35 @@ def _miss(trajectory: Trajectory, waypoint: Array, tolerance: Array, times: Arra
     return np.nan_to_num(distance, nan=np.inf)
 
 
-def _in_order(misses: Array) -> Indices:
+def _in_order(misses: Array, times: Array, least: Array) -> Indices:
     """Choose a candidate for each waypoint: not decreasing, with the least sum of misses.
 
     Args:
         misses: `(waypoints, candidates)`, candidates in the order of time.
+        times: of the candidates, s.
+        least: times between waypoints, s, `(waypoints - 1,)`; not kept where that is impossible.
     """
     candidates = misses.shape[1]
     numbers = np.arange(candidates)
     total = np.full(candidates, np.inf)
     total[0] = misses[0, 0]
     before = []
-    for miss in misses[1:]:
+    slack = BREAK_RTOL * times[-1]
+    for miss, apart in zip(misses[1:], least, strict=True):
         # The least sum up to each candidate, and the first candidate that has it.
-        least = np.minimum.accumulate(total)
+        shortest = np.minimum.accumulate(total)
         earlier = np.full(candidates, np.inf)
-        earlier[1:] = least[:-1]
+        earlier[1:] = shortest[:-1]
         first = np.where(total < earlier, numbers, 0)
-        before.append(np.maximum.accumulate(first))
-        total = least + miss
+        source = np.maximum.accumulate(first)
+        if apart > 0:
+            latest = np.searchsorted(times, times - apart + slack, side="right") - 1
+            shortest = np.where(latest >= 0, shortest[latest], np.inf)
+            source = source[latest]
+        before.append(source)
+        total = shortest + miss
+    if np.isinf(total[-1]) and least.any():
+        return _in_order(misses, times, np.zeros_like(least))
     last = candidates - 1
     backwards = [last]
     for sources in reversed(before):
