@@ -2,6 +2,7 @@
 
     python -m experiments.replanning            # the 88 problems of the suite `moving`
     python -m experiments.replanning --quick    # the first twelve
+    python -m experiments.replanning --suite sections   # limits of one segment
 
 Each problem is planned by `exact`, or by `exact-jerk` if it has jerk limits, and bounded by
 `prove`. The gap is certified duration over lower bound. *Ruckig, searched* is `ruckig-search`, in
@@ -72,9 +73,11 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
-def main(output: Path = Path("results/replanning"), quick: bool = False) -> None:
-    """Plan and bound every problem, or the first twelve if `quick`; print the table."""
-    problems = catalogue.problems("moving", 12 if quick else None)
+def main(
+    output: Path = Path("results/replanning"), quick: bool = False, suite: str = "moving"
+) -> None:
+    """Plan and bound every problem of a suite, or the first twelve if `quick`; print the table."""
+    problems = catalogue.problems(suite, 12 if quick else None)
     rows = []
     with progress(len(problems), "problems") as advance:
         for problem in problems:

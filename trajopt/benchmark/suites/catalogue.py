@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
-from trajopt.benchmark.suites import edges, families, literature, moving, robots
+from trajopt.benchmark.suites import edges, families, literature, moving, robots, sections
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
@@ -120,12 +120,12 @@ def group(problem: Problem) -> str:
 
 def _made(name: str) -> Problem:
     """Return the problem of a suite that is made in code; raise `UnknownName` otherwise."""
-    for named in (robots.named, edges.named, moving.named, families.named):
+    for named in (robots.named, edges.named, moving.named, sections.named, families.named):
         problem = named(name)
         if problem is not None:
             return problem
     suite, _, _ = name.lower().partition("-")
-    if suite in ("robots", "edges", "moving"):
+    if suite in ("robots", "edges", "moving", "sections"):
         known = [problem.name for problem in problems(suite)]
         raise UnknownName("problem", name, known)
     literature.refuse_beyond(name)
@@ -198,6 +198,13 @@ def suites() -> dict[str, Suite]:
             version=moving.VERSION,
             stream=moving.stream,
             size=moving.SIZE,
+        ),
+        Suite(
+            "sections",
+            "problems with limits of one segment",
+            version=sections.VERSION,
+            stream=sections.stream,
+            size=sections.SIZE,
         ),
         Suite(
             "random",

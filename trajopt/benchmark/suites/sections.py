@@ -1,0 +1,130 @@
+"""Problems with limits of one segment: closed forms, edges, the paper's problem, random ones.
+
+The random ones are those of `families`, in which every segment has limits of its own, by a number
+and `VERSION` the same on every machine: of velocity from a fifth of the family's on, of
+acceleration and jerk from 0.3 on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from trajopt.benchmark.suites import families
+from trajopt.core.arrays import Array
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
+
+# Raise it whenever a problem changes.
+VERSION = 1
+
+RANDOM = 80  # by default, every other one with jerk limits
+_NAME = re.compile(r"sections-random-(?P<index>\d\d+)")
+_LEAST_VELOCITY = 0.2  # of the family's
+_LEAST_ACCELERATION = 0.3
+
+# Ma et al.'s six axes (Machines 12(7):490, Tables 2 and 3), a quarter of the speed in one segment.
+_SIX_AXIS = [
+    [0, 0, -45, 0, 0, 0],
+    [0, -30, -30, 30, 0, 0],
+    [0, -45, -20, 45, 30, 0],
+    [0, -50, -20, 60, 60, 30],
+]
+_VELOCITY = [150, 180, 210, 360, 360, 450]
+_ACCELERATION = [93, 120, 160, 170, 260, 330]
+_SLOWED = 0.25
+
+# Waypoints; velocity, acceleration and jerk limits of each segment; what it is.
+_MADE: dict[str, tuple[list[list[float]], list[float], list[float], list[float], str]] = {
+    # p² = (1 + 2 A h)/2: T = p/A + (p − 1)/A + (h − 1/(2 A)) + 1/A
+    "slow": ([[0.0], [1.0], [2.0]], [10, 1], [2, 2], [], "closed form"),
+    "slow-first": ([[0.0], [1.0], [2.0]], [1, 10], [2, 2], [], "closed form: the first mirrored"),
+    "slow-middle": ([[0.0], [1.0], [2.0], [3.0]], [10, 1, 10], [2, 2, 2], [], "closed form"),
+    "fast-middle": ([[0.0], [1.0], [2.0], [3.0]], [1, 10, 1], [2, 2, 2], [], "closed form"),
+    # it passes the waypoint at √(2 A h) of the second segment, at most
+    "gentle": ([[0.0], [1.0], [2.0]], [10, 10], [8, 1], [], "closed form"),
+    "gentle-jerk": ([[0.0], [1.0], [2.0]], [10, 10], [8, 1], [80, 4], "acceleration and jerk"),
+    "turn": ([[0.0], [1.0], [0.0]], [2, 0.5], [2, 4], [], "it turns at the waypoint"),
+    "crawl": ([[0.0], [1.0], [1.1], [2.0]], [2, 1e-3, 2], [4, 4, 4], [], "2,000 times slower"),
+    "tiny": ([[0.0], [1.0], [1.0 + 1e-6], [2.0]], [2, 0.1, 2], [4, 4, 4], [], "a tiny segment"),
+    "stiff": ([[0.0], [1.0], [2.0]], [2, 0.5], [4, 4], [4e4, 4e2], "100 times the jerk"),
+    "still": ([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]], [2, 0.5], [4, 4], [], "a joint waits"),
+    "repeated": ([[0.0], [1.0], [1.0], [2.0]], [10, 1e-3, 1], [2, 2, 2], [], "a waypoint twice"),
+}
+
+
+def stream() -> Iterator[Problem]:
+    """Yield closed forms and edges, the paper's problem, and random ones, without end."""
+    for key in _MADE:
+        yield _made(key)
+    yield _six_axis()
+    for index in itertools.count():
+        yield draw(index)
+
+
+SIZE = len(_MADE) + 1 + RANDOM
+
+
+def named(name: str) -> Problem | None:
+    """Return the problem of this name, or None."""
+    match = _NAME.fullmatch(name)
+    if match is not None:
+        problem = draw(int(match["index"]))
+        return problem if problem.name == name else None
+    prefix, _, key = name.partition("-")
+    if prefix != "sections":
+        return None
+    if key == "six-axis":
+        return _six_axis()
+    return _made(key) if key in _MADE else None
+
+
+def _made(key: str) -> Problem:
+    waypoints, *sizes, words = _MADE[key]
+    joints = len(waypoints[0])
+    limits = {
+        name: [-1, 1] * np.repeat(np.array(own, dtype=float)[:, None, None], joints, axis=1)
+        for name, own in zip(("velocity", "acceleration", "jerk"), sizes, strict=True)
+        if own
+    }
+    return Problem(waypoints, Limits(**limits), name=f"sections-{key}", source=_source(words))
+
+
+def _six_axis() -> Problem:
+    degree = np.pi / 180
+    velocity = np.tile(degree * np.array(_VELOCITY)[:, None] * [-1, 1], (3, 1, 1))
+    velocity[1] *= _SLOWED
+    limits = Limits(velocity, degree * np.array(_ACCELERATION))
+    source = "Ma et al. 2024, Machines 12(7):490 (CC BY), slower through its second segment"
+    return Problem(degree * np.array(_SIX_AXIS), limits, name="sections-six-axis", source=source)
+
+
+def draw(index: int) -> Problem:
+    """Draw random problem number `index`: 1 to 4 joints, 3 to 6 waypoints."""
+    jerk = index % 2 == 1
+    family = sorted(families.FAMILIES)[index % len(families.FAMILIES)]
+    joints = 1 + index // 2 % 4
+    waypoints = 3 + index // 8 % 4
+    base = families.draw(family, index, joints=joints, waypoints=waypoints, jerk=jerk)
+    rng = np.random.default_rng([VERSION, 52, index])
+
+    def own(pairs: Array, least: float) -> Array:
+        return pairs * rng.uniform(least, 1.0, (base.segments, joints, 1))
+
+    known = base.limits
+    limits = Limits(
+        own(known.velocity, _LEAST_VELOCITY),
+        own(known.acceleration, _LEAST_ACCELERATION),
+        own(known.jerk, _LEAST_ACCELERATION) if jerk else None,
+        known.position,
+    )
+    source = _source(f"random family {family}, version {VERSION}, index {index}")
+    return replace(base, name=f"sections-random-{index:02}", source=source, limits=limits)
+
+
+def _source(words: str) -> str:
+    return f"trajopt.benchmark.suites.sections, {words}"
