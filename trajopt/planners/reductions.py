@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
+from itertools import chain
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -110,26 +111,27 @@ class OneByOne(Reduction):
     reductions: tuple[Reduction, ...]
 
     def accepts(self, problem: Problem) -> bool:
-        return bool(self._applied(problem))
+        steps, _ = self.applied(problem)
+        return bool(steps)
 
     def apply(self, problem: Problem) -> Problem:
-        for reduction, asked in self._applied(problem):
-            problem = reduction.apply(asked)
-        return problem
+        _, simplest = self.applied(problem)
+        return simplest
 
     def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
-        for reduction, asked in reversed(self._applied(problem)):
+        steps, _ = self.applied(problem)
+        for reduction, asked in reversed(steps):
             motion = reduction.restored(asked, motion)
         return motion
 
-    def _applied(self, problem: Problem) -> list[tuple[Reduction, Problem]]:
-        """Each reduction that makes something simpler, with the problem that it sees."""
-        applied: list[tuple[Reduction, Problem]] = []
+    def applied(self, problem: Problem) -> tuple[list[tuple[Reduction, Problem]], Problem]:
+        """Return each reduction that finds work with the problem that it sees, and the last one."""
+        steps: list[tuple[Reduction, Problem]] = []
         for reduction in self.reductions:
             if reduction.accepts(problem):
-                applied.append((reduction, problem))
+                steps.append((reduction, problem))
                 problem = reduction.apply(problem)
-        return applied
+        return steps, problem
 
 
 EQUAL_WAYPOINTS = EqualWaypoints()
@@ -141,14 +143,21 @@ SIMPLEST = OneByOne((EQUAL_WAYPOINTS, RESTING_JOINTS))
 
 def reduced(*reductions: Reduction) -> Callable[[SolveT], SolveT]:
     """Decorate a method that solves a problem to see it reduced, by the first reduction first."""
-    every = OneByOne(reductions)
+    every = OneByOne(tuple(chain.from_iterable(map(_parts, reductions))))
 
     def decorated(solve: SolveT) -> SolveT:
         @wraps(solve)
         def whole(self: Any, problem: Problem, *arguments: Any, **keywords: Any) -> Solution:
-            solution = solve(self, every.apply(problem), *arguments, **keywords)
-            return every.invert(problem, solution)
+            steps, simplest = every.applied(problem)
+            solution = solve(self, simplest, *arguments, **keywords)
+            for reduction, asked in reversed(steps):
+                solution = reduction.invert(asked, solution)
+            return solution
 
         return cast(SolveT, whole)
 
     return decorated
+
+
+def _parts(reduction: Reduction) -> tuple[Reduction, ...]:
+    return reduction.reductions if isinstance(reduction, OneByOne) else (reduction,)
