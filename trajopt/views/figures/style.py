@@ -7,8 +7,8 @@ has one colour and mark everywhere. This module does not import Matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from itertools import count
+from collections.abc import Iterable
+from itertools import chain, count
 from math import log10
 from typing import Any
 
@@ -83,22 +83,18 @@ def places(labels: Iterable[str]) -> dict[str, int]:
     """
     order = list(dict.fromkeys(labels))
     found: dict[str, int] = {}
+    taken: set[int] = set()
     for label in sorted(order, key=len):
         name = label.partition(":")[0]
-        if name in KNOWN and KNOWN.index(name) not in found.values():
-            found[label] = KNOWN.index(name)
-    for label in order:
-        if label not in found:
-            found[label] = _free(found.values())
-    return found
-
-
-def _free(taken: Collection[int]) -> int:
-    """Return the first place after the toolkit's of a colour that is not taken, or else any."""
-    first = len(KNOWN)
+        if name in KNOWN and (place := KNOWN.index(name)) not in taken:
+            found[label] = place
+            taken.add(place)
     colours = {place % len(CURVES) for place in taken}
-    fresh = [p for p in range(first, first + len(CURVES)) if p % len(CURVES) not in colours]
-    return fresh[0] if fresh else next(p for p in count(first) if p not in taken)
+    first = range(len(KNOWN), len(KNOWN) + len(CURVES))
+    fresh = [place for place in first if place % len(CURVES) not in colours]
+    rest = (place for place in count(len(KNOWN)) if place not in fresh)
+    free = chain(fresh, rest)
+    return {label: found[label] if label in found else next(free) for label in order}
 
 
 def text(name: str) -> str:

@@ -191,10 +191,10 @@ class Page:
     def planners(self) -> list[dict[str, Any]]:
         """One line per planner: over all its runs, and over the problems."""
         rows = []
-        order = sorted(self.labels)  # as figures have it
+        place = places(sorted(self.labels))  # as figures have it
         for line in self.results.planners().itertuples():
             row = {"label": line.Index, "options": self._options(line.Index)}
-            row |= look(places(order)[line.Index])
+            row |= look(place[line.Index])
             row |= lines.over_all(line)
             rows.append(row)
         return rows
