@@ -354,6 +354,8 @@ def test_a_broken_log_gets_the_shortest_lawful_motion_at_its_own_spacing(kinds):
     slower = found.slower
     least = max(worst[:2]) if kinds == 2 else max(worst[0], worst[1])
     assert slower.at_least <= slower.factor <= slower.at_least * 1.001
+    if found.conviction.limit == "velocity":
+        assert slower.at_least >= found.conviction.at_least * (1 - 1e-12)
     assert 0.97 * least <= slower.factor <= max(worst[:kinds]) * 1.001
     passed = slower.motion(slower.factor * 0.002 * np.arange(501))
     assert np.abs(passed - np.stack(columns, axis=1)).max() <= 1e-5 * (1 + 1e-6)

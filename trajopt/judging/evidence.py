@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.core.limits import LIMIT_ORDERS, LimitName, Limits
+from trajopt.core.limits import KINDS, LIMIT_ORDERS, LimitName, Limits
 from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
@@ -44,7 +44,7 @@ VELOCITY_WORTH: dict[LimitName, float] = {"velocity": 1.0, "acceleration": 6.0, 
 _MISFIT = 3.0  # times a limit: velocities that need more than positions, which need less than 1
 _MAX_STRETCHES = 5
 _MAX_SLOWER = 1e4  # times as long: beyond that no motion is looked for
-_SLOWER_RTOL = 5e-4  # between what a motion takes at least and at most
+_SLOWER_RTOL = 1e-4  # between what a motion takes at least and at most
 _MAX_PASSAGES = 3  # samples that are tried as the passage of a waypoint
 
 
@@ -212,7 +212,7 @@ def evidence(
         by_positions = alone.verdict
         if by_positions != "broken" and convictions[0].at_least > _MISFIT:
             return replace(alone, misfit=convictions[0])
-    slower = _slower(joints, lows, at_rest) if verdict == "broken" else None
+    slower = _slower(joints, lows, singles, at_rest) if verdict == "broken" else None
     return Evidence(
         verdict, told, motion, at_rest, convictions, log, noise, window, by_positions, slower
     )
@@ -296,7 +296,12 @@ def _convictions(
     return sorted(convictions, key=lambda one: (one.limit != "position", -one.at_least))
 
 
-def _slower(joints: Sequence[Joint], lows: Sequence[TubeAnswer], at_rest: bool) -> Slower | None:
+def _slower(
+    joints: Sequence[Joint],
+    lows: Sequence[TubeAnswer],
+    singles: Sequence[dict[str, float]],
+    at_rest: bool,
+) -> Slower | None:
     """The shortest lawful motion through the samples at their own spacing; None if none is found.
 
     The joint that needs the longest decides. All are asked in the order of what they need.
@@ -308,9 +313,15 @@ def _slower(joints: Sequence[Joint], lows: Sequence[TubeAnswer], at_rest: bool) 
             return None
         if own.stretched(factor).found(at_rest).high <= 1:
             continue
-        # A motion takes at least the r-th root of its use as long, and at most as long as that.
-        order = max(k for k, (_, high) in enumerate(own.limits, start=1) if np.isfinite(high))
-        low = max(1.0, lows[joint].low ** (1 / order))
+        # Of a derivative of order k the use falls with the k-th power of the time. Proofs that
+        # need the velocities say nothing of slower motions.
+        low = 1.0
+        if not len(own.readings.times):
+            order = max(k for k, (_, high) in enumerate(own.limits, start=1) if np.isfinite(high))
+            roots = [lows[joint].low ** (1 / order)]
+            for name, share in singles[joint].items():
+                roots.append(share ** (1 / (KINDS[name].degree or np.inf)))
+            low = max(low, *roots)
         high = max(factor, lows[joint].low) * (1 + KEPT_RTOL)
         for _ in range(_MAX_STRETCHES):
             if own.stretched(high).found(at_rest).high <= 1:
