@@ -24,6 +24,7 @@ from baselines.lower_bound.bound import prove
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from experiments.common.kept import Rows, apart, kept
+from soaks import moving_ends
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.core.arrays import Array
@@ -121,6 +122,7 @@ def relations(problem: Problem, seed: int) -> Checks:
         yield from free(problem, able, seed)
     if seed // 2 % 2:
         yield from dense(problem, optimum, seed)
+    yield from moving(optimum, seed)
 
 
 def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
@@ -197,6 +199,34 @@ def free(problem: Problem, able: list[str], seed: int) -> Checks:
     if seed % 10 == 0:
         bound = prove(problem, time_limit=5.0)
         yield "proved bound <= exact", above(bound.lower_bound, exact), THEOREM
+
+
+def moving(optimum: str, seed: int) -> Checks:
+    """Between states in motion, on problems of their own.
+
+    With two waypoints Ruckig knows the optimum, from state to state. Time may run backwards. The
+    parts of a solved problem, cut at a waypoint in the state of its motion, take no longer.
+    """
+    jerk = optimum == "exact-jerk"
+    pair = moving_ends.drawn(seed, jerk=jerk)
+    change = above(duration(optimum, pair), duration("ruckig-stop", pair))
+    yield f"{optimum} = ruckig-stop, in motion", abs(change), THEOREM
+    whole = moving_ends.drawn(seed, waypoints=3 + seed // 2 % 3, jerk=jerk)
+    motion, own = answer(optimum, whole)
+    route = whole.route.reversed()
+    limits = whole.limits  # symmetric
+    backwards = Problem(route.waypoints, limits, demands=route.demands)
+    yield f"reversing {optimum}, in motion", abs(above(duration(optimum, backwards), own)), THEOREM
+    if motion is None or jerk:
+        return
+    cut = motion.waypoint_times[1]
+    state = motion(cut, 1)
+    total = 0.0
+    for rows, end, other in ((slice(0, 2), "end", "start"), (slice(1, None), "start", "end")):
+        key = f"{other}_velocity"
+        demands = {f"{end}_velocity": state, key: whole.demands[key]}
+        total += duration(optimum, Problem(whole.waypoints[rows], limits, demands=demands))
+    yield f"{optimum} in two parts, in motion", abs(above(total, own)), THEOREM
 
 
 def dense(problem: Problem, optimum: str, seed: int) -> Checks:

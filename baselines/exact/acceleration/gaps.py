@@ -26,6 +26,8 @@ _INSIDE = 1.1
 _LIMIT_SHARE = 0.98
 # Times at which a segment between two given velocities is tried.
 _TRIED = 600
+_BORDER_TRIED = 2000
+_HALVINGS = 60
 # The longest of them, relative to the time in which every joint can stop.
 _LONGEST = 4.0
 
@@ -101,6 +103,37 @@ def _starts(scaled: Scaled) -> Iterator[Start]:
             own = times.copy()
             own[begun] = middle
             yield own, velocities[1:-1]
+
+
+def borders(scaled: Scaled) -> list[float]:
+    """Return every time at which a problem of one segment may become possible, the least first.
+
+    There a joint reaches its waypoint with an extreme profile, or accelerates evenly. The shortest
+    of these times that is possible is the optimum: no descent is needed, and none ends where what
+    is possible before a gap is one single time.
+    """
+    (u, w), h = scaled.end_v, scaled.h[0]
+    v, a = (own.reshape(2, -1, len(h))[:, 0] for own in (scaled.v, scaled.a))
+    low = max(float(scaled.shortest[0]), float(np.abs((w - u) / a).max()) / 4, 1e-9)
+    times = np.geomspace(0.99 * low, _LONGEST * max(float(scaled.stop[0]), low), _BORDER_TRIED)
+
+    def beyond(t: Array) -> Array:
+        reach = extremes(u, w, t, v, a)
+        return np.stack([reach.d_up - h, h - reach.d_lo])
+
+    with np.errstate(all="ignore"):
+        values = beyond(times[:, None])
+        side, place, joint = np.nonzero(values[:, 1:] * values[:, :-1] <= 0)
+        first, last = times[place], times[place + 1]
+        rising = values[side, place + 1, joint] > 0
+        for _ in range(_HALVINGS):
+            middle = (first + last) / 2
+            found = beyond(middle[:, None])[side, np.arange(len(side)), joint]
+            is_after = (found > 0) == rising
+            first, last = np.where(is_after, first, middle), np.where(is_after, middle, last)
+    evenly = ((w - u) / a).ravel()
+    every = np.concatenate([first, last, evenly[evenly > 0]])
+    return sorted(every.tolist())
 
 
 def _fast(way: _Way, u: Array) -> Iterator[_Fast]:

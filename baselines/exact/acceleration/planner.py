@@ -50,6 +50,7 @@ Start = tuple[Array, Array]  # segment times, waypoint velocities
 MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
+MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
 DILATION_TOL = 1e-15
 # A velocity that is closer to its limit than this is set to the limit: the duration changes by the
 # square of this.
@@ -100,6 +101,9 @@ class Exact(SeveralStarts):
         starts = starting_points(scaled, MAX_STARTS_FACTOR * self.starts)
         if problem.route.at_rest:
             return self.best_of(scaled, solve_from, starts)
+        known = _of_one_segment(scaled) if self.solver == "interior-point" else None
+        if known is not None:
+            return self.best_of(scaled, lambda _: [known], iter([(known.times, known.states)]))
         beside = gaps.starts(scaled)
         return self.best_of(scaled, solve_from, chain(beside, starts), apart=len(beside))
 
@@ -144,6 +148,18 @@ class Passing(Scaled):
         slowest, fastest = self.waypoint_v * (1 - _LIMIT_RTOL)
         within = np.where(velocities > fastest, highest, velocities)
         return np.where(within < slowest, lowest, within)
+
+
+def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
+    """The optimum of a problem of one segment: the first time that is possible."""
+    if len(scaled.h) > 1 or scaled.has_demands:
+        return None
+    none = np.zeros((0, scaled.h.shape[1]))
+    for time in gaps.borders(scaled):
+        found = _reached(scaled, np.array([time]), none, "Converged", MAX_BORDER_DILATION)
+        if found is not None:
+            return found
+    return None
 
 
 def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> bool:

@@ -61,9 +61,10 @@ def test_two_waypoints_are_ruckigs(seed):
     assert solved(problem).duration == pytest.approx(optimum(problem).duration, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [*range(4), 8, 20])
 def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
-    problem = drawn(seed, waypoints=4, joints=2, jerk=False)
+    """In 8 and 20 the first part is possible, before a gap, in one single time."""
+    problem = drawn(seed, waypoints=4, joints=None if seed > 4 else 2, jerk=False)
     motion = solved(problem)
     cut = motion.waypoint_times[1]
     state = motion(cut, 1)
