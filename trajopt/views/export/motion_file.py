@@ -174,7 +174,7 @@ def write_log(path: Path, found: Execution) -> bool:
     elif path.suffix == ".json":
         _write_text(path, json.dumps(_polynomials(found.problem, own), indent=1))
     elif path.suffix in _PICTURES:
-        _draw(path, found.problem, own, f"{found.motion.name}, within its digits")
+        _draw(path, found.problem, own, f"{found.motion.name}, within its digits", "motion")
     else:
         times = own.breaks
         if path.suffix in MESSAGES:
@@ -217,11 +217,13 @@ def _write_text(path: Path, text: str) -> None:
     atomic.write(path, lambda file: file.write_text(text, encoding="utf-8"))
 
 
-def _draw(path: Path, problem: Problem, trajectory: Trajectory, title: str) -> None:
+def _draw(
+    path: Path, problem: Problem, trajectory: Trajectory, title: str, name: str = "planner"
+) -> None:
     """Every joint against time, with its limits."""
     from trajopt.views.figures import motions, plots  # Matplotlib is for those who draw
 
-    figure = motions.motion(problem, trajectory, title=title)
+    figure = motions.motion(problem, trajectory, title=title, own_name=name)
     _write_by(path, lambda file: plots.write(figure, file))
 
 
