@@ -74,7 +74,7 @@ class CollocationRefined(Planner):
 
     on_request = True
     requires = ("casadi",)
-    knows = (*LIMIT_NAMES, FallingVelocity.key)
+    knows = (*LIMIT_NAMES, FallingVelocity.key, "segment")
 
     def __post_init__(self) -> None:
         if not 0 < self.error < np.inf:

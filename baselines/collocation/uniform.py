@@ -75,7 +75,7 @@ class Collocation(Planner):
     intervals: int = 20
 
     requires = ("casadi",)
-    knows = (*LIMIT_NAMES, FallingVelocity.key)
+    knows = (*LIMIT_NAMES, FallingVelocity.key, "segment")
 
     def __post_init__(self) -> None:
         if self.intervals < 2:
@@ -145,7 +145,8 @@ class CollocationGrid:
         waypoints = problem.waypoints
         stop = stop_times(problem)
         unit = float(stop.mean())
-        scale = np.abs(limits.acceleration).min(axis=1) * unit**2
+        tightest = limits.in_all_segments()
+        scale = np.abs(tightest.acceleration).min(axis=1) * unit**2
 
         self.problem = problem
         self.intervals = intervals
@@ -156,10 +157,11 @@ class CollocationGrid:
         self.waypoints = (waypoints - self.origin) / scale
         # (2, joints): lowest and highest
         self.position = (limits.position.T - self.origin) / scale
-        self.velocity = limits.velocity.T / scale * unit
-        self.acceleration = limits.acceleration.T / scale * unit**2
-        self.jerk = limits.jerk.T / scale * unit**3
-        self.smooth = tuple(np.isfinite(self.jerk).any(axis=0).tolist())
+        # (2, segments, joints), or (2, 1, joints) where segments do not differ
+        self.velocity = _by_side(limits.velocity) / scale * unit
+        self.acceleration = _by_side(limits.acceleration) / scale * unit**2
+        self.jerk = _by_side(limits.jerk) / scale * unit**3
+        self.smooth = tuple(np.isfinite(self.jerk).any(axis=(0, 1)).tolist())
         self.boxed = problem.has("position")
         distances = np.abs(self.waypoints[:, None] - self.position)
         self.resting = distances.min(axis=1) <= _TOUCH_DISTANCE
@@ -252,10 +254,14 @@ class CollocationGrid:
 
         A joint that only may leave the end of its range does not move towards it.
         """
-        pieces = len(self.stop) * self.intervals
-        low, high = np.repeat(self.velocity[:, None], pieces, axis=1)
+        low, high = self.of_intervals(self.velocity)
         up, down = self.falling.leaving(self.intervals)
         return [np.where(down, 0.0, low), np.where(up, 0.0, high)]
+
+    def of_intervals(self, limits: Array) -> Array:
+        """Return limits of every interval, `(2, intervals, joints)`."""
+        of_segments = np.broadcast_to(limits, (2, len(self.stop), limits.shape[-1]))
+        return np.repeat(of_segments, self.intervals, axis=1)
 
     def falling_bounds(self) -> list[Array]:
         """Return the highest values of `falling.excess`, `(intervals, joints)` each.
@@ -357,8 +363,8 @@ class Transcription:
         )
         equal = ca.vec(ca.repmat(x.times.T / intervals, intervals, 1))
         limits = {
-            "acceleration": ca.MX.sym("acceleration", 2, joints),
-            "jerk": ca.MX.sym("jerk", 2, joints),
+            kind: [ca.MX.sym(f"{kind}{side}", pieces, joints) for side in range(2)]
+            for kind in ("acceleration", "jerk")
         }
         self.falls = falls
         self.velocities = [ca.MX.sym(f"velocity{i}", pieces, joints) for i in range(2)]
@@ -381,7 +387,8 @@ class Transcription:
             objective += _DRIFT_WEIGHT * ca.sumsqr(drift) / drift.numel()
 
         parameters = [
-            *limits.values(),
+            *limits["acceleration"],
+            *limits["jerk"],
             *self.velocities,
             *positions,
             *self.fallings,
@@ -437,7 +444,7 @@ class Transcription:
         a1 = a[1:]
 
         def limit(kind: str, side: int) -> Any:
-            return ca.repmat(limits[kind][side, joint], pieces, 1)
+            return limits[kind][side][:, joint]
 
         # low l ≤ change over the interval ≤ high l
         kind = "jerk" if smooth else "acceleration"
@@ -490,8 +497,8 @@ class Transcription:
         """Return the local optimum that IPOPT finds from `start`."""
         low, high = self._bounds(grid)
         parameters = [
-            grid.acceleration,
-            grid.jerk,
+            *grid.of_intervals(grid.acceleration),
+            *grid.of_intervals(grid.jerk),
             *grid.velocity_bounds(),
             *grid.position_bounds(),
             *grid.falling_bounds(),
@@ -534,12 +541,8 @@ class Transcription:
         for side in (0, 1):
             every_node = (self.nodes, 1)
             q = np.tile(grid.position[side], every_node)
-            v = np.tile(grid.velocity[side], every_node)
-            of_interval = grid.velocity_bounds()[side]
-            tighter = np.minimum if side else np.maximum
-            v[:-1] = tighter(v[:-1], of_interval)
-            v[1:] = tighter(v[1:], of_interval)
-            a = np.tile(grid.acceleration[side], every_node)
+            v = _at_nodes(grid.velocity_bounds()[side], side)
+            a = _at_nodes(grid.of_intervals(grid.acceleration)[side], side)
             q[:: self.intervals] = grid.waypoints
             v[:: self.intervals][grid.resting] = 0.0
             a[[0, -1]] = 0.0
@@ -547,6 +550,19 @@ class Transcription:
             bounds.append(Nodes(times[side], lengths[side], q, v, a))
         low, high = bounds
         return low, high
+
+
+def _by_side(pairs: Array) -> Array:
+    """Limits `(…, joints, 2)` as `(2, segments or 1, joints)`."""
+    return np.moveaxis(pairs, -1, 0).reshape(2, -1, pairs.shape[-2])
+
+
+def _at_nodes(of_intervals: Array, side: int) -> Array:
+    """The tighter of the limits of the intervals on both sides of each node, low or high."""
+    tighter = np.minimum if side else np.maximum
+    before = np.concatenate([of_intervals[:1], of_intervals])
+    after = np.concatenate([of_intervals, of_intervals[-1:]])
+    return np.asarray(tighter(before, after))
 
 
 def transcription(grid: CollocationGrid, *, free: bool = False) -> Transcription:

@@ -80,3 +80,13 @@ def test_too_few_intervals_are_refused() -> None:
 def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
     limits = Limits([1.0], [1.0], [[-np.inf, 5.0]])
     assert "one side" in str(Collocation().unsupported(Problem([[0.0], [1.0]], limits)))
+
+
+def test_each_segment_has_its_own_limits():
+    # up to 1.58 rad/s and down to 1 rad/s, which the second segment allows: a closed form
+    problem = load("sections-slow")
+    found = Collocation(intervals=40).solve(problem).trajectory
+    peak = np.sqrt(2.5)
+    optimum = peak / 2 + (peak - 1) / 2 + 0.75 + 0.5
+    certified = verify(problem, found).certified_duration
+    assert optimum * (1 - 1e-9) <= certified <= optimum * 1.01
