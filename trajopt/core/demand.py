@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,6 +26,12 @@ if TYPE_CHECKING:
 Axis = Literal["waypoints", "segments", "joints"]
 _EACH = {"waypoints": "waypoint", "segments": "segment", "joints": "joint"}
 _PER_TIME = {0: "", -1: "/s", -2: "/s²"}
+
+
+@lru_cache(maxsize=256)
+def _full(shape: tuple[int, ...], value: float) -> Array:
+    """Return a constant array that cannot be changed; problems of one size share it."""
+    return frozen(np.full(shape, value))
 
 
 @dataclass(frozen=True)
@@ -72,7 +79,7 @@ class Demand:
 
     def none(self, waypoints: int, joints: int) -> Array:
         """Numbers that ask nothing."""
-        return frozen(np.full(self.shape(waypoints, joints), self.default))
+        return _full(self.shape(waypoints, joints), self.default)
 
     # --- read and written ---
 
