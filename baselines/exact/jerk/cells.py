@@ -84,7 +84,7 @@ class JerkTables:
         self.scaled = scaled
         self.beyond = kinds > 1
         self.signs = sides(one, -one)
-        # signs of a cell's variables as each side sees them, in the order of `jerk_profiles`
+        # signs of a cell's variables as each side sees them, in the order of `jerk.profiles`
         self.seen = np.ones((5, *self.signs.shape))
         self.seen[1:4] = self.signs
         self.seen[4] = -self.signs
