@@ -2,8 +2,8 @@
 
 Those that rounding may miss are left out (`trajopt.core.resolution`). So is a waypoint within
 tolerance whose box does not leave the box before it, or the next point at which the motion waits or
-ends: between them a segment may take no time, whose inverse has no upper bound. Without a waypoint
-a problem is a relaxation.
+ends: between them a segment may take no time, whose inverse has no upper bound, unless a
+least time is between them. Without a waypoint a problem is a relaxation.
 """
 
 from __future__ import annotations
@@ -35,7 +35,12 @@ def counted(problem: Problem) -> Bools:
         return found
     r = problem.route.demand("tolerance")
 
+    demand = problem.route.demand
+    times = demand("least_times") + demand("given_times")
+
     def are_apart(one: int, other: int) -> bool:
+        if times[one:other].any():
+            return True
         distance = np.abs(problem.waypoints[one] - problem.waypoints[other])
         return bool((distance > APART * (r[one] + r[other])).any())
 

@@ -193,3 +193,19 @@ def test_passing_times_within_boxes_keep_least_times_and_limits_of_segments(tmp_
     untimed = replace(motion, waypoint_times=motion.waypoint_times[[0, -1]])
     assert passing(problem, untimed).waypoint_times == pytest.approx(motion.waypoint_times)
     assert verify(problem, passing(problem, untimed)).feasible
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_a_bound_without_a_waypoint_has_the_widest_limits_of_both_segments(seed):
+    """Which segment a motion is in where a waypoint is left out, nobody knows."""
+    rng = np.random.default_rng(seed)
+    waypoints = [[0.0], [1.0], [1.05], [2.0 + rng.random()]]
+    widths = rng.uniform(0.3, 2.0, (3, 1))
+    limits = Limits(np.stack([-widths, widths], axis=-1), [4.0])
+    problem = Problem(waypoints, limits, tolerance=0.3)
+    motion = Exact().solve(problem).trajectory
+    found = proved(problem, within=0.02, time_limit=1.0)
+    assert not counted(problem).all()
+    assert found.lower_bound <= motion.duration * (1 + 1e-9)
+    apart = Problem(waypoints, limits, tolerance=0.3, least_times=[0.0, 0.1, 0.0])
+    assert counted(apart)[:3].all()

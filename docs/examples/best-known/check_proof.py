@@ -113,10 +113,10 @@ def exact(points, changes):  # which are not between brief steps in line: roundi
     return [k for k in range(len(points)) if k not in spared]
 
 
-def apart(points, room, waits):  # a box that does not leave the one before may be passed with it
+def apart(points, room, waits, least):  # what is passed with another point is left out
     def is_apart(i, k):
         ways = zip(points[i], points[k], room[i], room[k], strict=True)
-        return any(abs(x - y) > APART * (r + s) for x, y, r, s in ways)
+        return any(least[i:k]) or any(abs(x - y) > APART * (r + s) for x, y, r, s in ways)
 
     stays = [True, *(wait > 0 for wait in waits[1:-1]), True]
     kept = [0]
@@ -177,7 +177,7 @@ if not others:
     points = [points[k] for k in kept]
     rows = [[own[k - 1] for k in kept[1:]] for own in rows]
 elif proof and any(map(any, room)):  # leave out waypoints whose boxes overlap
-    kept = apart(points, room, waits)
+    kept = apart(points, room, waits, least)
     points, room = ([table[k] for k in kept] for table in (points, room))
     rows = [[loosest(own[i:k]) for i, k in pairwise(kept)] for own in rows]
     least = [sum(least[i:k]) for i, k in pairwise(kept)]

@@ -318,6 +318,7 @@ def test_the_suites_are_those_of_the_issue_and_one_per_random_family(suites):
         "literature",
         "moving",
         "sections",
+        "demands",
         "random",
         *families_,
     ]

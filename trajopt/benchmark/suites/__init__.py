@@ -5,6 +5,7 @@
 - `robots`: problems of real arms;
 - `edges`: degenerate problems, one kind each;
 - `moving`: problems that begin or end in motion;
+- `demands`: problems of times, waits, loops and waypoints within tolerance;
 - `families`: random families, reproducible on every machine;
 - `random`: one random problem per seed, made to break planners.
 """

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
-from trajopt.benchmark.suites import edges, families, literature, moving, robots, sections
+from trajopt.benchmark.suites import demands, edges, families, literature, moving, robots, sections
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
@@ -120,13 +120,20 @@ def group(problem: Problem) -> str:
 
 def _made(name: str) -> Problem:
     """Return the problem of a suite that is made in code; raise `UnknownName` otherwise."""
-    for named in (robots.named, edges.named, moving.named, sections.named, families.named):
+    for named in (
+        robots.named,
+        edges.named,
+        moving.named,
+        sections.named,
+        demands.named,
+        families.named,
+    ):
         problem = named(name)
         if problem is not None:
             return problem
-    suite, _, _ = name.lower().partition("-")
-    if suite in ("robots", "edges", "moving", "sections"):
-        known = [problem.name for problem in problems(suite)]
+    prefix, _, _ = name.lower().partition("-")
+    if prefix in ("robots", "edges", "moving", "sections", "demands"):
+        known = [problem.name for problem in problems(prefix)]
         raise UnknownName("problem", name, known)
     literature.refuse_beyond(name)
     raise UnknownName("problem", name, problem_files() | literature.files())
@@ -205,6 +212,13 @@ def suites() -> dict[str, Suite]:
             version=sections.VERSION,
             stream=sections.stream,
             size=sections.SIZE,
+        ),
+        Suite(
+            "demands",
+            "problems of times, waits, loops and waypoints within tolerance",
+            version=demands.VERSION,
+            stream=demands.stream,
+            size=demands.SIZE,
         ),
         Suite(
             "random",
