@@ -22,6 +22,8 @@ from trajopt.core.arrays import Array
 MAX_STARTS = 64
 # Beside the edge of an interval, as a factor of the time.
 _INSIDE = 1.1
+# Place of a slow start in an interval of time before a gap.
+_SLOW_SHARE = 0.95
 # Share of the velocity limits that a start uses at most.
 _LIMIT_SHARE = 0.98
 # Times at which a segment between two given velocities is tried.
@@ -172,7 +174,7 @@ def _between(way: _Way, segment: int, u: Array, w: Array) -> list[float]:
 
 
 def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
-    """A time in every interval that the gaps of all joints leave; the last one has no end.
+    """Times in every interval that the gaps of all joints leave; the last one has no end.
 
     The velocities at the segment's end are free.
     """
@@ -196,6 +198,8 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
     for begin, end in sorted(gaps):
         if begin >= low:
             found.append(min((low + begin) / 2, _INSIDE * low) if low > 0 else begin / 2)
+            # also as slow as there is time for: the next waypoint may want that
+            found.append(low + _SLOW_SHARE * (begin - low))
         low = max(low, end)
     found.append(max(_INSIDE * low, float(way.stop[segment])))
     return [time for time in found if time > 0]
