@@ -64,7 +64,7 @@ class NearTables(JerkTables):
 
 
 class NearInequalities(JerkInequalities):
-    """The rows of `JerkInequalities`, and after them those of the boxes, both sides of each."""
+    """The rows of `JerkInequalities`, and those of the boxes, both sides of each."""
 
     cells: NearTables
     point: Any
@@ -76,7 +76,11 @@ class NearInequalities(JerkInequalities):
         self.reach = self.reach - cells.signs * self.way
         share = last / cells.box
         boxes = np.where(cells.free, [1 - share, 1 + share], 1.0)
-        self.values = np.concatenate([self.reach[:, None], self.values[REACH:], boxes[:, None]])
+        # rows of ramps that start at waypoints stay the last
+        last = len(self.values) - 2 * cells.by_segment
+        others = self.values[REACH:last], boxes[:, None], self.values[last:]
+        self.values = np.concatenate([self.reach[:, None], *others])
+        self.boxes = slice(last, last + 2)
 
     def linear(self, multipliers: Array, weights: Array) -> NearLinearisation:
         return NearLinearisation(self, multipliers, weights)
@@ -104,7 +108,7 @@ class NearInequalities(JerkInequalities):
         first[TIME, :REACH] += 2 * way
         first[before, :REACH] = by_square * cells.free_before
         first[after, :REACH] = -by_square * cells.free
-        first[after, -2:] = np.reshape([-1.0, 1.0], (2, 1, 1, 1)) * (cells.free / cells.box)
+        first[after, self.boxes] = np.reshape([-1.0, 1.0], (2, 1, 1, 1)) * (cells.free / cells.box)
         second[TIME, TIME] -= 4 * way
         for offset, sign, free in ((before, -2, cells.free_before), (after, 2, cells.free)):
             second[TIME, offset] = second[offset, TIME] = sign * by_square * free

@@ -74,8 +74,7 @@ class ExactJerk(SeveralStarts):
     def unsupported(self, problem: Problem) -> str | None:
         if self.solver == "ipopt" and problem.limits.segments is not None:
             return "its program for IPOPT has the same limits in all segments"
-        beside = ["segment limits"] * (problem.limits.segments is not None)
-        beside += [key for key in END_STATES if key in problem.demands]
+        beside = [key for key in END_STATES if key in problem.demands]
         if "tolerance" in problem.demands and beside and problem.has("jerk"):
             other = beside[0].replace("_", " ")
             return f"with jerk limits it does not know a tolerance beside {other}"
