@@ -31,6 +31,7 @@ from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import KINDS, Limits
 from trajopt.core.problem import Problem
+from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.core.units import mixed_units
@@ -357,11 +358,12 @@ def as_executed(
     joint_units: Sequence[str] = (),
     accelerations: bool = True,
     log: LogOptions | None = None,
+    ends: Mapping[str, Array] = NOTHING,
 ) -> Execution:
     """Judge a motion, as a controller runs it, by limits alone.
 
-    The robot must rest before and after. `UnitWarning` warns of a joint whose motion or limits seem
-    to be in degrees.
+    The robot must rest before and after, unless `ends` says otherwise. `UnitWarning` warns of a
+    joint whose motion or limits seem to be in degrees.
 
     Args:
         motion: What is executed.
@@ -371,6 +373,7 @@ def as_executed(
             the jumps of velocity that are repaired.
         log: How to judge a log by what its digits tell; None for a motion that is executed as it
             stands.
+        ends: The states in which it is to begin and end (`trajopt.core.demand.END_STATES`).
 
     Raises:
         InvalidInput: It has another number of joints than the limits, or never moves.
@@ -396,6 +399,7 @@ def as_executed(
         name=motion.name,
         joint_names=motion.joint_names,
         joint_units=joint_units or motion.joint_units,
+        demands=ends,
     )
     motion.check_units(problem)
     _warn_of_units(problem, motion.trajectory(times))

@@ -161,7 +161,7 @@ def sentences(
 def _path_and_timing(found: Explanation, step: dict[str, float]) -> str:
     if not step:
         why = found.notes.get("timing_gap") or found.notes.get("route_gap")
-        return f"Its timing and its path cannot be told apart: {why}."
+        return f"Its timing and its path cannot be told apart: toppra: {why}."
     timing = _percent(found.timing_gap)
     path = _percent(found.route_gap)
     own = f"The best timing of its own path takes {step['route']:.4f} s"

@@ -20,6 +20,7 @@ from trajopt.cli.judge import check_log_out, slower, unmendable, write_log_motio
 from trajopt.cli.parameters import Force, InterpolationName, Json, LogOut, Noise, Window
 from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
+from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.units import ANGLES
@@ -139,6 +140,7 @@ def _executed(
                 given.for_joints(problem.joint_names),
                 problem.limits,
                 joint_units=problem.joint_units,
+                ends={key: own for key, own in problem.demands.items() if key in END_STATES},
                 log=log,
             )
         robot = replace(robot, robot=name, limits=None)
@@ -214,7 +216,9 @@ def _mended(certificate: Certificate, interpolation: str) -> Iterator[str]:
         yield from unmendable(certificate, interpolation)
         return
     fastest = certificate.dilation * certificate.duration
-    if certificate.feasible:
+    if certificate.feasible and certificate.dilation == 1:
+        yield "It keeps every limit."
+    elif certificate.feasible:
         faster = 1 / certificate.dilation
         yield f"Time-scaled it could run {faster:.6f} times as fast, in {fastest:.6f} s."
     else:
