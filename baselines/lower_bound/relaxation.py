@@ -185,11 +185,14 @@ class Relaxation:
         self.velocity, self.acceleration, self.before, self.after = states
         first = 3 * segments + states.size
         self.given = first + np.arange(self.end_states.size).reshape(self.end_states.shape)
-        first += self.end_states.size
+        moves = self.end_states.any()
+        first += self.end_states.size if moves else 0
         products = (3, *inner) if self.tolerant else (3, 0, self.joints)
         offsets = first + np.arange(np.prod(products)).reshape(products)
         self.offset, self.offset_before, self.offset_after = offsets
         self.nothing = first + offsets.size
+        if not moves:  # every variable costs some rounding
+            self.given = np.full_like(self.given, self.nothing)
         self.variables = self.nothing + 1
         self.velocity_at = self._at_ends(self.velocity, self.velocity)
         self.acceleration_at = self._at_ends(self.acceleration, self.acceleration)
