@@ -75,7 +75,13 @@ class RuckigStop(Planner):
     """Ruckig from waypoint to waypoint, stopping at each."""
 
     requires = ("ruckig",)
-    knows = (*LIMIT_NAMES, *END_STATES)
+    knows = (*LIMIT_NAMES, "segment", *END_STATES)
+
+    def unsupported(self, problem: Problem) -> str | None:
+        limited = np.asarray(np.isfinite(problem.limits.jerk).any(axis=-1))
+        if limited.ndim == 2 and (limited != limited[0]).any():
+            return "it does not know a joint's jerk limit in some segments only"
+        return None
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -134,9 +140,10 @@ class Sections:
         self.unit_times = stop_times(problem)
         self._unit_lengths = _travelled(self.limits, self.unit_times[:, None])
         ways = np.diff(self.waypoints, axis=0)
+        of_each = zip(ways, self.unit_times, self._unit_lengths, strict=True)
         self._inputs = [
-            _input(ruckig, self.limits.in_units(time, lengths[:, None]), way / lengths)
-            for way, time, lengths in zip(ways, self.unit_times, self._unit_lengths, strict=True)
+            _input(ruckig, own.in_units(time, lengths[:, None]), way / lengths)
+            for own, (way, time, lengths) in zip(self._limits_of_each(), of_each, strict=True)
         ]
         # units of the whole motion: its longest segment's time, each joint's range
         self.longest_stop = float(self.unit_times.max())
@@ -147,6 +154,8 @@ class Sections:
         lowest, highest = self.limits.position.T
         self._lowest = lowest - slack
         self._highest = highest + slack
+        widest = self.limits.in_all_segments(tightest=False)
+        self._fastest = np.abs(widest.velocity).max(axis=1)
         self._has_position_limits = bool(np.isfinite(self.limits.position).any())
         self.evaluations = 0
 
@@ -155,15 +164,19 @@ class Sections:
 
         Without a jerk limit Ruckig does not read a joint's acceleration: it is 0.
         """
-        limits = np.stack([self.limits.velocity, self.limits.acceleration])
-        boxes = limits * (1 - _STATE_MARGIN)
-        jerk_limited = np.isfinite(self.limits.jerk).any(axis=1)
-        boxes[1, ~jerk_limited] = 0
+        both = (_passing(own) for own in (self.limits.velocity, self.limits.acceleration))
+        boxes = np.stack(np.broadcast_arrays(*both)) * (1 - _STATE_MARGIN)
+        boxes[1][:, ~self.limits.jerk_limited] = 0
         low = self.stopping
         high = self.stopping
-        low[:, 1:-1] = boxes[:, None, :, 0]
-        high[:, 1:-1] = boxes[:, None, :, 1]
+        low[:, 1:-1] = boxes[..., 0]
+        high[:, 1:-1] = boxes[..., 1]
         return low, high
+
+    def _limits_of_each(self) -> list[Limits]:
+        """Return the limits of every segment, each the same all the time."""
+        numbers = range(len(self.waypoints) - 1)
+        return [self.limits.of_segments(np.array([number])) for number in numbers]
 
     @property
     def stopping(self) -> Array:
@@ -269,7 +282,7 @@ class Sections:
             return True
         # no joint gets farther than where it turns at top speed: (q0 + q1 ± V T)/2
         both = self.waypoints[k] + self.waypoints[k + 1]
-        farthest = np.abs(self.limits.velocity).max(axis=1) * self._time(k)
+        farthest = self._fastest * self._time(k)
         low = (both - farthest) / 2 < self._lowest
         high = (both + farthest) / 2 > self._highest
         for j in np.flatnonzero(low | high).tolist():
@@ -285,8 +298,17 @@ class Sections:
 
 def _travelled(limits: Limits, time: Array) -> Array:
     """Return what each joint can travel from stop to stop at its tightest limit, rad."""
-    V, A, J = (np.abs(limits.by_name()[name]).min(axis=1) for name in LIMIT_NAMES[:3])
+    V, A, J = (np.abs(limits.by_name()[name]).min(axis=-1) for name in LIMIT_NAMES[:3])
     return np.min([V * time, A * time**2 / 4, J * time**3 / 32], axis=0)
+
+
+def _passing(pairs: Array) -> Array:
+    """Limits at inner waypoints, the tighter of both segments': `(waypoints or 1, joints, 2)`."""
+    if pairs.ndim == 2:
+        return pairs[None]
+    low, high = np.moveaxis(pairs, -1, 0)
+    tighter = np.maximum(low[:-1], low[1:]), np.minimum(high[:-1], high[1:])
+    return np.stack(tighter, axis=-1)
 
 
 def _input(ruckig: Any, limits: Limits, target: Array) -> Any:
@@ -500,7 +522,7 @@ def _solution(problem: Problem, sections: Sections, states: Array, history: Hist
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
     trajectory = Trajectory.of_segments((own.lengths, own.coefficients) for own in motions)
-    low, high = problem.limits.jerk.T
+    low, high = np.moveaxis(problem.limits.jerk, -1, 0)
     return Solution(
         Status.SOLVED,
         trajectory,

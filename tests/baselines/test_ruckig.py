@@ -292,3 +292,14 @@ def test_a_segment_of_a_millionth_is_met_too(seed: int) -> None:
     certificate = verify(problem, SHORT.solve(problem).trajectory)
     assert certificate.valid
     assert certificate.dilation <= 1 + 1e-11
+
+
+def test_each_section_has_its_own_limits():
+    problem = suite.load("sections-slow-middle")
+    found = RuckigVia(evaluations=2000).solve(problem).trajectory
+    peak = np.sqrt(2.5)
+    optimum = 2 * (peak / 2 + (peak - 1) / 2) + 1.0
+    assert verify(problem, found).certified_duration == pytest.approx(optimum, rel=1e-6)
+    jerk = [[[-9, 9]], [[-np.inf, np.inf]]]
+    partly = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [2.0], jerk))
+    assert "in some segments only" in RuckigVia().unsupported(partly)
