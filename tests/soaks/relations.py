@@ -123,6 +123,7 @@ def relations(problem: Problem, seed: int) -> Checks:
     if seed // 2 % 2:
         yield from dense(problem, optimum, seed)
     yield from moving(optimum, seed)
+    yield from narrowed(problem, optimum, seed)
 
 
 def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
@@ -227,6 +228,27 @@ def moving(optimum: str, seed: int) -> Checks:
         demands = {f"{end}_velocity": state, key: whole.demands[key]}
         total += duration(optimum, Problem(whole.waypoints[rows], limits, demands=demands))
     yield f"{optimum} in two parts, in motion", abs(above(total, own)), THEOREM
+
+
+def narrowed(problem: Problem, optimum: str, seed: int) -> Checks:
+    """Segments with narrower limits of their own: none shortens, none that is raised lengthens."""
+    rng = np.random.default_rng([52, seed])
+    shape = (problem.segments, problem.joints, 1)
+    known = problem.limits
+    velocity, acceleration, jerk = (
+        pairs * rng.uniform(0.3, 1.0, shape)
+        for pairs in (known.velocity, known.acceleration, known.jerk)
+    )
+    own = replace(problem, limits=Limits(velocity, acceleration, jerk))
+    widest = replace(problem, limits=own.limits.in_all_segments(tightest=False))
+    slowed = duration(optimum, own)
+    yield f"{optimum} <= with narrower segments", above(duration(optimum, widest), slowed), THEOREM
+    key = ("velocity", "acceleration")[seed % 2]
+    segment = int(rng.integers(problem.segments))
+    joint = int(rng.integers(problem.joints))
+    raised = replace(problem, limits=own.limits.widened(key, joint, 0.2, segment))
+    kind = f"{optimum} with a raised segment <= without"
+    yield kind, above(duration(optimum, raised), slowed), THEOREM
 
 
 def dense(problem: Problem, optimum: str, seed: int) -> Checks:
