@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 SCOPE = (
-    "In scope: waypoints in a fixed order, passed exactly, from rest to rest or between states "
-    "that are asked, on any path between them; limits of velocity, acceleration, jerk and position "
-    "per joint; motions as a controller executes them. Not in scope: obstacles, torques, tool "
-    "speed, orientation."
+    "In scope: waypoints in a fixed order, passed exactly or within a tolerance, from rest to rest "
+    "or between states that are asked, with waits, least or given times, in loops, on any path "
+    "between them; limits of velocity, acceleration, jerk and position per joint; motions as a "
+    "controller executes them. Not in scope: obstacles, torques, tool speed, orientation."
 )
 # An expression of words (`max_torque`, `tcp_speed`), and the sentence for whoever writes one.
 _SPEED = (
@@ -62,8 +62,9 @@ _ELSEWHERE = {
         "end_velocity"
     ),
     r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
-        "limits of one segment are tables [[limits.segment]] of a problem file here, each with "
-        "number (from 1) and velocity, acceleration or jerk"
+        "limits of one segment have a place of their own in this tool; the nearest is a table "
+        "[[limits.segment]] of a problem file, with number (from 1) and velocity, acceleration or "
+        "jerk"
     ),
     (
         r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"
@@ -85,7 +86,8 @@ _ELSEWHERE = {
         "factors of a joint_limits.yaml"
     ),
     r"blend\w*|\w*corner\w*|zones?|(path|goal)_tolerances?": (
-        "passing near a waypoint is not in this tool, it is passed exactly; the nearest is "
+        "passing near a waypoint has a name of its own in this tool; the nearest is tolerance, "
+        "beside the waypoints of a problem file, or "
         "`trajopt judge --via-tolerance`, for a motion that passes near"
     ),
 }

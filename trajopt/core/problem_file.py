@@ -25,6 +25,10 @@ unit of the limits where it is a rate, else in that of the waypoints:
 
     start_velocity = [0.5, 0]            # optional: one number per joint; also end_velocity, and
                                          # with jerk limits start_acceleration, end_acceleration
+    tolerance = 0.01                     # ±, of inner waypoints; or a row per joint, or a table
+    least_times = [0, 1.5]               # s, per segment; given_times says all of them exactly
+    dwell = [0, 0.4, 0]                  # s at rest, per waypoint
+    closed = true                        # the last waypoint is the first, with the same velocity
 
 In place of a limit, `true` is the robot's own, which must have one, and `false` none.
 
