@@ -47,8 +47,10 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # acceleration = [5, 5, 5, 5, 5, 5]                       # rad/s²
 # jerk = [50, 50, 50, 50, 50, 50]                         # rad/s³; real controllers want some
 # position = [[-6, 6], [-6, 6], [-3, 3], [-6, 6], [-6, 6], [-6, 6]]   # rad
+# # Velocity that falls near joint ends: falling_velocity = true is the robot's own (franka-fr3),
+# # or a table with offset, deceleration and position.
 
-# Slower through one section: what a segment says counts in place of [limits], there.
+# # Slower through one section: what a segment says counts in place of [limits], there.
 # [[limits.segment]]
 # number = 2                                              # from 1
 # velocity = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5]               # rad/s; or acceleration, jerk
