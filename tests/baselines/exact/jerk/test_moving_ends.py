@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from baselines.exact.jerk import ExactJerk
@@ -36,11 +37,17 @@ def test_two_waypoints_are_ruckigs(seed):
     assert solved(problem).duration == pytest.approx(optimum(problem).duration, rel=1e-8)
 
 
-def test_a_start_at_its_velocity_limit():
-    """`v0 = V`: it cruises, then brakes from V to rest under A and J: V/2 (V/A + A/J)."""
-    problem = Problem([[0.0], [3.0]], Limits([1.0], [2.0], [8.0]), start_velocity=[1.0])
-    braking = 1 / 2 + 2 / 8
-    assert solved(problem).duration == pytest.approx(3.0 + braking / 2, rel=1e-5)
+@pytest.mark.parametrize(("seed", "joint"), [(5, 0), (7, 1)])
+def test_a_start_at_its_velocity_limit(seed, joint):
+    """Nothing lies inside the limits there: the motion is brought back to the state asked."""
+    given = drawn(seed, jerk=True)
+    velocity, acceleration = np.array([given.start_velocity, given.start_acceleration])
+    velocity[joint], acceleration[joint] = given.limits.velocity[joint, 1], 0.0
+    ends = {**given.demands, "start_velocity": velocity, "start_acceleration": acceleration}
+    problem = Problem(given.waypoints, given.limits, demands=ends)
+    motion = solved(problem)
+    assert motion(0.0, 1) == pytest.approx(velocity, abs=1e-14)
+    assert -1e-9 < motion.duration / optimum(problem).duration - 1 < 1e-5
 
 
 @pytest.mark.parametrize("seed", [3, 7])
