@@ -177,7 +177,7 @@ class Problem:
 
         It is a relaxation of it where only limits are named.
         """
-        if not names:
+        if not any(name in self.limits.kinds or name in self.demands for name in names):
             return self
         limits = self.limits.without(*names)
         left = {

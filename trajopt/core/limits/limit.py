@@ -228,9 +228,9 @@ def named(key: str) -> type[Limit]:
         InvalidInput: It is another tool's; the message says what comes nearest here.
         UnknownName: There is none.
     """
+    if key in KINDS:
+        return KINDS[key]
     elsewhere = out_of_scope(key)
-    if key not in KINDS and elsewhere:
+    if elsewhere:
         raise InvalidInput(f"limits.{key}", f"this left out: {elsewhere}")
-    if key not in KINDS:
-        raise UnknownName("kind of limit", key, KINDS)
-    return KINDS[key]
+    raise UnknownName("kind of limit", key, KINDS)
