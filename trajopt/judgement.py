@@ -379,6 +379,11 @@ def as_executed(
         InvalidInput: It has another number of joints than the limits, or never moves.
     """
     _check_joints(motion, limits.joints)
+    if limits.segments is not None:
+        right = (
+            "a motion judged against its problem: `trajopt judge MOTION PROBLEM` knows the segments"
+        )
+        raise InvalidInput("limits.segment", right)
     told = None
     if log is not None:
         judged = [accelerations] * limits.joints

@@ -14,6 +14,7 @@ from trajopt.benchmark.store import folder, trial_text
 from trajopt.benchmark.trial import trials_of
 from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.active_limits import active_limits, stretches
+from trajopt.judgement import as_executed, motion_of
 from trajopt.planners.registry import load
 from trajopt.views.figures import motions
 from trajopt.views.report.panels import panel
@@ -127,11 +128,11 @@ def test_what_a_table_may_not_say(tmp_path, table, message):
         (lambda: Limits([[[-1, 1], 1], [1]], [1, 1]), "segment 2 is 1: expected 2 values"),
         (
             lambda: Limits([1, 1], [1, 1], segment=[]),
-            r"tables [[limits.segment]] of a problem file",
+            r"[[limits.segment]] of a problem file",
         ),
         (
             lambda: Problem(WAYPOINTS, Limits([1, 1], [1, 1]), per_section_max_velocity=[[1, 1]]),
-            "tables [[limits.segment]] of a problem file",
+            "[[limits.segment]] of a problem file",
         ),
     ],
 )
@@ -250,3 +251,8 @@ def test_the_report_has_each_segments_limits():
     assert found["limits"]["velocity"].tolist() == [[-1, 1]]
     spans = found["spans"]["velocity"]
     assert spans == ["± 1 (segment 1), -1 … 0.5 (segment 2) rad/s"]
+
+
+def test_limits_alone_tell_no_segments():
+    with pytest.raises(InvalidInput, match="trajopt judge MOTION PROBLEM"):
+        as_executed(motion_of(passing()), one_joint().limits)
