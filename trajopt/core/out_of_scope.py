@@ -62,9 +62,9 @@ _ELSEWHERE = {
         "end_velocity"
     ),
     r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
-        "limits of one segment have a place of their own in this tool; the nearest is a table "
-        "[[limits.segment]] of a problem file, with number (from 1) and velocity, acceleration or "
-        "jerk"
+        "limits of one segment have a place of their own in this tool; the nearest are "
+        "tables [[limits.segment]] of a problem file, each with number (from 1) and velocity, "
+        "acceleration or jerk"
     ),
     (
         r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"
