@@ -1,12 +1,13 @@
-"""Is the fastest motion that begins or ends in motion found, and is that proved?
+"""Is the fastest motion found where more is asked than rest to rest, and is that proved?
 
     python -m experiments.replanning            # the 88 problems of the suite `moving`
     python -m experiments.replanning --quick    # the first twelve
     python -m experiments.replanning --suite sections   # limits of one segment
+    python -m experiments.replanning --suite demands --time-limit 5  # times, waits, loops, boxes
 
 Each problem is planned by `exact`, or by `exact-jerk` if it has jerk limits, and bounded by
-`prove`. The gap is certified duration over lower bound. *Ruckig, searched* is `ruckig-search`, in
-percent above the certified duration.
+`prove`. Those of `demands` have a row per demand. The gap is certified duration over lower bound.
+*Ruckig, searched* is `ruckig-search`, in percent above the certified duration, where it can.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.planners.registry import load
 
 WITHIN = 1e-4
-TIME_LIMIT_S = 20.0  # for one proof
 
 
 def duration(problem: Problem, planner: str) -> float:
@@ -35,15 +35,16 @@ def duration(problem: Problem, planner: str) -> float:
     return np.nan if found is None else found
 
 
-def row(problem: Problem) -> dict[str, object]:
+def row(problem: Problem, time_limit: float) -> dict[str, object]:
     """Return the row of one problem."""
     jerk = problem.has("jerk")
     began = time.process_time()
     best = duration(problem, "exact-jerk" if jerk else "exact")
     spent = time.process_time() - began
-    bound = prove(problem, within=WITHIN, time_limit=TIME_LIMIT_S)
+    bound = prove(problem, within=WITHIN, time_limit=time_limit)
     return {
         "problem": problem.name,
+        "demand": " and ".join(problem.demands),
         "limits": "jerk too" if jerk else "velocity, acceleration",
         "certified": best,
         "gap": 100 * (best / bound.lower_bound - 1),
@@ -52,14 +53,14 @@ def row(problem: Problem) -> dict[str, object]:
     }
 
 
-def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per kind of limits."""
+def summary(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Return a row per value of these columns."""
     found = []
-    for limits, own in rows.groupby("limits", sort=False):
+    for values, own in rows.groupby(by, sort=False):
         gaps = own["gap"]
         found.append(
             {
-                "limits": limits,
+                **dict(zip(by, values, strict=True)),
                 "problems": len(own),
                 "solved": int(own["certified"].notna().sum()),
                 "proved within 0.01 %": int((gaps <= 100 * WITHIN * (1 + 1e-6)).sum()),
@@ -74,18 +75,24 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def main(
-    output: Path = Path("results/replanning"), quick: bool = False, suite: str = "moving"
+    output: Path = Path("results/replanning"),
+    quick: bool = False,
+    suite: str = "moving",
+    time_limit: float = 20.0,
 ) -> None:
-    """Plan and bound every problem of a suite, or the first twelve if `quick`; print the table."""
+    """Plan and bound every problem of a suite, or the first twelve if `quick`; print the table.
+
+    `time_limit` is for one proof, in seconds.
+    """
     problems = catalogue.problems(suite, 12 if quick else None)
     rows = []
     with progress(len(problems), "problems") as advance:
         for problem in problems:
-            rows.append(row(problem))
+            rows.append(row(problem, time_limit))
             advance(1)
     table = pd.DataFrame(rows)
     save_table(table, output / "problems")
-    shown = summary(table)
+    shown = summary(table, ["demand", "limits"] if suite == "demands" else ["limits"])
     print(shown.to_string(index=False))
     save_table(shown, output / "replanning")
 
