@@ -112,7 +112,7 @@ def test_the_optimum_has_no_gap_and_half_its_time_needs_twice_the_time():
     assert table["gap"] == pytest.approx(0, abs=1e-6)
     keys = "motion problem interpolation via_tolerance status duration claimed_duration"
     keys += " certified_duration feasible dilation gap waypoint_times flaws"
-    keys += " smoothness certificate evidence"
+    keys += " smoothness certificate evidence optimum_within_tolerance"
     assert set(table) == set(keys.split())
 
 
