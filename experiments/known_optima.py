@@ -164,13 +164,16 @@ def drawn(kind: str, seed: int) -> tuple[Problem, float]:
 
 @cache
 def suites(jerk: bool) -> list[Problem]:
-    """The problems of all suites with jerk limits, or without; none has position limits."""
+    """The problems of all suites with a best known answer, with jerk limits, or without.
+
+    None has position limits.
+    """
     found = []
     for listed in every_problem().values():
         own = listed.problem
         if own.has("jerk") == jerk and not own.has("position") and not ExactJerk().unsupported(own):
             found.append(own)
-    return found
+    return list(filter(find, found))
 
 
 def record(problem: Problem) -> Record:

@@ -33,16 +33,19 @@ def test_a_waypoint_is_passed_at_the_very_time(offset):
     assert times[1] == pytest.approx(0.5, abs=4 * np.spacing(offset + 1.0))
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_candidates_in_order_have_the_least_sum_of_all(seed):
-    """Against every choice that does not decrease, from the first to the last."""
+@pytest.mark.parametrize("apart", [0, 1, 3])
+@pytest.mark.parametrize("seed", range(10))
+def test_candidates_in_order_have_the_least_sum_of_all(seed, apart):
+    """Against every choice that does not decrease and keeps the second segment's least time."""
     misses = np.random.default_rng(seed).random((4, 5))
-    chosen = passing._in_order(misses)
+    chosen = passing._in_order(misses, np.arange(5.0), np.array([0.0, apart, 0.0]))
     assert chosen[0] == 0
     assert chosen[-1] == 4
     assert (np.diff(chosen) >= 0).all()
+    assert chosen[2] - chosen[1] >= apart
     least = min(
         misses[0, 0] + misses[1, i] + misses[2, j] + misses[3, 4]
         for i, j in combinations_with_replacement(range(5), 2)
+        if j - i >= apart
     )
     assert misses[range(4), chosen].sum() == pytest.approx(least, rel=1e-12)
