@@ -176,6 +176,44 @@ def test_with_jerk_limits_wider_never_takes_longer():
     assert ExactJerk().unsupported(beside).endswith("a tolerance beside start velocity")
 
 
+def slow_between(tolerance):
+    """Rest to rest over 2 rad at acceleration 1; the second segment allows a velocity of 0.5."""
+    velocity = np.array([[[-9.0, 9.0]], [[-0.5, 0.5]], [[-9.0, 9.0]]])
+    limits = Limits(velocity, [1.0])
+    waypoints = [[0.0], [1.0], [1.05], [2.0]]
+    return Problem(waypoints, limits, tolerance=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "optimum"),
+    [
+        # a pass at p with velocity u takes 2 √(p + u²/2) + 2 √(2 − p + u²/2) − 2 u
+        ([0.0, 0.0, 0.1, 0.0], 4 * np.sqrt(1.125) - 1),
+        ([0.0, 0.1, 0.1, 0.0], 2 * np.sqrt(1.225) + 2 * np.sqrt(1.025) - 1),
+    ],
+)
+def test_at_one_instant_the_segment_between_still_limits_velocity(tolerance, optimum):
+    problem = slow_between(np.reshape(tolerance, (4, 1)))
+    motion = Exact().solve(problem).trajectory
+    assert np.diff(motion.waypoint_times)[1] == 0
+    certificate = verify(problem, motion)
+    assert certificate.certified_duration == pytest.approx(optimum, rel=1e-9)
+    # without the segment, at √2 instead of 0.5: the judge slows it down that much
+    free = Exact().solve(Problem([[0.0], [1.0], [2.0]], Limits([9.0], [1.0]))).trajectory
+    times = free.waypoint_times[[0, 1, 1, 2]]
+    certificate = verify(problem, replace(free, waypoint_times=times))
+    assert certificate.dilation == pytest.approx(2 * np.sqrt(2), rel=1e-9)
+    assert certificate.uses["velocity"].time == pytest.approx(np.sqrt(2), rel=1e-9)
+
+
+def test_a_segment_between_equal_waypoints_limits_nothing():
+    limits = slow_between(0.0).limits
+    problem = Problem([[0.0], [1.0], [1.0], [2.0]], limits)
+    certificate = verify(problem, Exact().solve(problem).trajectory)
+    assert certificate.feasible
+    assert certificate.certified_duration == pytest.approx(2 * np.sqrt(2), rel=1e-9)
+
+
 def test_passing_times_within_boxes_keep_least_times_and_limits_of_segments(tmp_path):
     """The times of a motion that is read from a file: those that the boxes allow."""
     faster = np.array([[2.0, 2.0], [0.8, 0.5], [2.0, 2.0]])

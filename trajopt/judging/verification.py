@@ -203,8 +203,9 @@ def verify(
         InvalidTrajectory: It has another number of joints or waypoints than the problem.
     """
     _check_sizes(problem, trajectory)
+    own = _counted(problem)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        found = _judged(problem, trajectory, tolerance or Tolerance(), unjudged, at_rest=at_rest)
+        found = _judged(own, trajectory, tolerance or Tolerance(), unjudged, at_rest=at_rest)
         return found[0]
 
 
@@ -217,12 +218,25 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        certificate, judged = _judged(problem, trajectory, Tolerance())
+        certificate, judged = _judged(_counted(problem), trajectory, Tolerance())
     if not certificate.valid:
         return None
     if certificate.dilation <= 1 or not problem.route.dilatable:
         return judged
     return judged.dilated(certificate.dilation)
+
+
+def _counted(problem: Problem) -> Problem:
+    """The problem in which a segment between equal waypoints has the limits of the next one.
+
+    Its own ask nothing (`Problem.merged`). Those between boxes that one instant passes count.
+    """
+    if problem.limits.segments is None:
+        return problem
+    _, index = problem.merged()
+    (moving,) = np.nonzero(np.diff(index))
+    numbers = moving[np.minimum(index[:-1], len(moving) - 1)]
+    return replace(problem, limits=problem.limits.of_segments(numbers))
 
 
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:

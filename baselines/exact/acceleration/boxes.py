@@ -2,7 +2,8 @@
 
 Where the boxes around neighbouring waypoints overlap in every joint, the optimum may pass both at
 one instant, which the logarithm of the segment's time does not reach. So problems are solved also
-in which such neighbours are one waypoint, in the intersection of their boxes.
+in which such neighbours are one waypoint, in the intersection of their boxes. The velocity limits
+of the segment between them still count there.
 """
 
 from __future__ import annotations
@@ -16,27 +17,38 @@ import numpy as np
 from baselines.exact.method.planner import SeveralStarts
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits.joint_limit import UNLIMITED
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
+from trajopt.core.trajectory import Trajectory
 
 # Pairs of neighbours that are tried one by one, beside all together and none.
 MAX_PAIRS = 8
 FEW_STARTS = 2  # of each of several problems
+_LIMIT_RTOL = 1e-9  # by which a motion may exceed a limit: rounding
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
 
 
 class Merged(NamedTuple):
-    """A problem with some waypoints in one, and where each one went, `(waypoints,)`."""
+    """A problem with some waypoints in one.
+
+    Attributes:
+        problem: Through one waypoint where neighbours are one.
+        places: Where each waypoint went, `(waypoints,)`.
+        passing: Velocity limits at the waypoints, those of the segments that are left out, rad/s,
+            `(waypoints, joints, 2)`; None where all segments have the same.
+    """
 
     problem: Problem
     places: Indices
+    passing: Array | None
 
 
 def merged(problem: Problem) -> Iterator[Merged]:
     """Yield the problem itself, then those with neighbours in one."""
     count = len(problem.waypoints)
-    yield Merged(problem, np.arange(count))
+    yield Merged(problem, np.arange(count), None)
     pairs = np.flatnonzero(_overlapping(problem))
     choices = [_chain(problem, pairs)]
     if 1 < len(pairs) <= MAX_PAIRS:
@@ -48,28 +60,41 @@ def merged(problem: Problem) -> Iterator[Merged]:
 
 
 def best(
-    planner: PlannerT, problem: Problem, solve: Callable[[Problem, PlannerT], Solution]
+    planner: PlannerT,
+    problem: Problem,
+    solve: Callable[[Problem, Array | None, PlannerT], Solution],
 ) -> Solution:
     """Return the best answer of the problem, and of those with neighbours in one.
 
     Args:
         planner: Of local optima.
         problem: With a tolerance.
-        solve: Answers a problem as such a planner does.
+        solve: Answers a problem as such a planner does, with velocity limits at the waypoints.
     """
     candidates = list(merged(problem))
     if len(candidates) > 1:
         # where neighbours overlap the whole problem's own optimum may have a time of 0
         planner = replace(planner, starts=min(planner.starts, FEW_STARTS))
     found = []
-    for own, index in candidates:
-        solution = solve(own, planner)
+    for own, index, passing in candidates:
+        solution = solve(own, passing, planner)
         motion = solution.trajectory
         if motion is not None:
             motion = replace(motion, waypoint_times=motion.waypoint_times[index])
+            if passing is not None:
+                motion = _slowed(problem, motion)
         found.append(replace(solution, trajectory=motion))
     solved = [own for own in found if own.trajectory is not None]
     return min(solved or found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
+
+
+def _slowed(problem: Problem, motion: Trajectory) -> Trajectory | None:
+    """The motion, slowed down where it is too fast for a segment that takes no time."""
+    velocity = problem.limits.kinds["velocity"]
+    needed = velocity.dilation(velocity.worst(motion))
+    if needed <= 1 + _LIMIT_RTOL:
+        return motion
+    return motion.dilated(needed) if problem.route.dilatable else None
 
 
 def _box(problem: Problem) -> tuple[Array, Array]:
@@ -110,4 +135,21 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
         own = replace(problem, waypoints=(low + high) / 2, demands=demands, limits=limits)
     except InvalidInput:
         return None
-    return Merged(own, index)
+    return Merged(own, index, _passing(problem, index))
+
+
+def _passing(problem: Problem, index: Indices) -> Array | None:
+    """The velocity limits at each waypoint of the segments that are left out there."""
+    pairs = problem.limits.velocity
+    if pairs.ndim == 2:
+        return None
+    found = np.tile(UNLIMITED, (index[-1] + 1, problem.joints, 1))
+    for segment in np.flatnonzero(np.diff(index) == 0):
+        low, high = found[index[segment]].T
+        low[:] = np.maximum(low, pairs[segment, :, 0])
+        high[:] = np.minimum(high, pairs[segment, :, 1])
+    if problem.route.demand("closed"):
+        # the first waypoint and the last one are passed at the same velocity
+        ends = found[[0, -1]]
+        found[[0, -1]] = np.stack([ends[..., 0].max(axis=0), ends[..., 1].min(axis=0)], axis=-1)
+    return found

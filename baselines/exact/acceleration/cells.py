@@ -140,6 +140,8 @@ class AccelerationTables:
         """
         fastest = _START_ROOM * self.fastest * self.top
         both = np.minimum(fastest, np.roll(fastest, -1, axis=2))
+        if self.passing is not None:
+            both = np.minimum(both, _START_ROOM * self.passing * self.top)
         inner_limits = both[:, :, : velocities.shape[1]]
         highest, lowest = inner_limits
         velocity = np.clip(velocities, -lowest, highest)

@@ -87,12 +87,14 @@ class Exact(SeveralStarts):
         self.announce("exact", problem)
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return boxes.best(self, problem, lambda own, planner: planner._solved(own, None))
+            return boxes.best(
+                self, problem, lambda own, passing, planner: planner._solved(own, None, passing)
+            )
         return brief_steps.solved(problem, known, self._solved)
 
-    def _solved(self, problem: Problem, _: Array | None) -> Solution:
-        """Return the answer for waypoints that are all exact."""
-        scaled = Passing(problem)
+    def _solved(self, problem: Problem, _: Array | None, passing: Array | None = None) -> Solution:
+        """Return the answer without leaving out waypoints; `passing`: velocity limits at them."""
+        scaled = Passing(problem, passing)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
         def solve_from(starts: Sequence[Start]) -> list[LocalOptimum]:
@@ -109,10 +111,21 @@ class Exact(SeveralStarts):
 
 
 class Passing(Scaled):
-    """A problem without units, and the motions through given waypoint velocities."""
+    """A problem without units, and the motions through given waypoint velocities.
 
-    def __init__(self, problem: Problem) -> None:
+    Args:
+        problem: its position and jerk limits are ignored.
+        passing: further velocity limits at the waypoints, rad/s, `(waypoints, joints, 2)`.
+    """
+
+    def __init__(self, problem: Problem, passing: Array | None = None) -> None:
         super().__init__(problem, jerk=False)
+        if passing is not None:
+            self.by_segment = True
+            inner = slice(1, None if self.closed else -1)
+            lows, highs = np.moveaxis(passing[inner][:, self.moving], -1, 0) / self.units[2]
+            low, high = self.waypoint_v
+            self.waypoint_v = np.array([np.maximum(low, lows), np.minimum(high, highs)])
 
     @property
     def has_demands(self) -> bool:

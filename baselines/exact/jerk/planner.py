@@ -92,7 +92,7 @@ class ExactJerk(SeveralStarts):
         self.announce("exact-jerk", problem)
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return boxes.best(self, problem, lambda own, planner: planner._solved(own, None))
+            return boxes.best(self, problem, lambda own, _, planner: planner._solved(own, None))
         return brief_steps.solved(problem, known, self._solved)
 
     def _solved(self, problem: Problem, left_out: Array | None) -> Solution:

@@ -230,6 +230,23 @@ class Velocity(JointLimit):
     order = degree = 1
     finite = True
 
+    def worst(self, motion: Trajectory) -> Use:
+        """A segment that takes no time has its limit too: velocity does not jump there."""
+        found = super().worst(motion)
+        if self.segments is None:
+            return found
+        own = motion.refined(motion.waypoint_times)
+        taking = own.segments_at((own.breaks[:-1] + own.breaks[1:]) / 2)
+        (brief,) = np.nonzero(~np.isin(np.arange(self.segments), taking))
+        if not len(brief):
+            return found
+        times = motion.waypoint_times[brief]
+        low, high = np.moveaxis(self.pairs[brief], -1, 0)
+        shares = peaks.ratio(motion(times, 1), np.zeros_like(low), low, high)
+        instant, joint = np.unravel_index(np.argmax(shares), shares.shape)
+        passed = Use(float(shares[instant, joint]), int(joint), float(times[instant]))
+        return max(found, passed, key=lambda use: use.value)
+
 
 class Acceleration(JointLimit):
     """Acceleration limits, rad/s²: velocity does not jump."""
