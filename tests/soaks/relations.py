@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -124,6 +125,7 @@ def relations(problem: Problem, seed: int) -> Checks:
         yield from dense(problem, optimum, seed)
     yield from moving(optimum, seed)
     yield from narrowed(problem, optimum, seed)
+    yield from asked(problem, optimum, seed)
 
 
 def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
@@ -249,6 +251,44 @@ def narrowed(problem: Problem, optimum: str, seed: int) -> Checks:
     raised = replace(problem, limits=own.limits.widened(key, joint, 0.2, segment))
     kind = f"{optimum} with a raised segment <= without"
     yield kind, above(duration(optimum, raised), slowed), THEOREM
+
+
+def asked(problem: Problem, optimum: str, seed: int) -> Checks:
+    """Times, waits, loops and tolerances: what asks less takes no longer.
+
+    Least times that the optimum keeps change nothing, nor does another start of a closed motion. A
+    wait parts the way in two from rest to rest. A wider tolerance never lengthens.
+    """
+    rng = np.random.default_rng([50, seed])
+    points = problem.waypoints
+
+    def with_(waypoints: Array = points, **demands: Any) -> float:
+        return duration(optimum, replace(problem, waypoints=waypoints, demands=demands))
+
+    motion, own = answer(optimum, problem)
+    if motion is not None:
+        least = np.diff(motion.waypoint_times) * rng.uniform(0, 0.9, problem.segments)
+        kind = f"{optimum}: least times that it keeps"
+        yield kind, abs(above(with_(least_times=least), own)), THEOREM
+
+    turns = int(rng.integers(1, len(points)))
+    loops = [np.vstack([turned, turned[:1]]) for turned in (points, np.roll(points, -turns, 0))]
+    first, second = (with_(loop, closed=True) for loop in loops)
+    yield f"{optimum}: a loop from another waypoint", abs(above(first, second)), THEOREM
+
+    if problem.segments == 1:
+        return
+    at = int(rng.integers(1, problem.segments))
+    wait = np.zeros(len(points))
+    wait[at] = own * rng.uniform(0.01, 1)
+    parts = sum(with_(rows) for rows in (points[: at + 1], points[at:]))
+    change = above(with_(dwell=wait), parts + wait[at])
+    yield f"{optimum}: a wait = two parts and its length", abs(change), THEOREM
+
+    r = 10.0 ** rng.uniform(-4, -0.7) * problem.largest_displacements
+    narrow, wide = (with_(tolerance=k * r) for k in (1.0, 1.5))
+    yield f"{optimum} within tolerance <= exactly", above(narrow, own), THEOREM
+    yield f"{optimum} within a wider tolerance <= a narrower", above(wide, narrow), THEOREM
 
 
 def dense(problem: Problem, optimum: str, seed: int) -> Checks:
