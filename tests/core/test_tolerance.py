@@ -247,3 +247,10 @@ def test_a_bound_without_a_waypoint_has_the_widest_limits_of_both_segments(seed)
     assert found.lower_bound <= motion.duration * (1 + 1e-9)
     apart = Problem(waypoints, limits, tolerance=0.3, least_times=[0.0, 0.1, 0.0])
     assert counted(apart)[:3].all()
+
+
+@pytest.mark.parametrize("value", [float("nan"), "0.1", {}])
+def test_what_is_no_number_and_no_table_is_answered_with_every_form(value):
+    right = "expected a number, 2 of them, one per joint, or 4 rows"
+    with pytest.raises(InvalidInput, match=right):
+        Problem(WAYPOINTS, LIMITS, tolerance=value)

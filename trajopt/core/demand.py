@@ -102,7 +102,8 @@ class Demand:
             return value
         axis = self.axes[len(self.axes) - len(shape)]
         if not is_list(value) or len(value) != shape[0]:
-            parts = "numbers" if len(shape) == 1 else "rows"
+            part = "number" if len(shape) == 1 else "row"
+            parts = part + "s" * (shape[0] != 1)
             raise InvalidInput(key, f"{shape[0]} {parts}, one per {_EACH[axis]}", value=value)
         if len(shape) > 1:
             rows = enumerate(value, start=1)
@@ -266,7 +267,7 @@ class _WaypointTolerance(Demand):
         if len(shape) < len(self.axes):
             return super()._numbers(key, value, shape)
         waypoints, joints = shape
-        if isinstance(value, str):
+        if not is_number(value) and not is_list(value):
             right = f"a number, {joints} of them, one per joint, or {waypoints} rows"
             raise InvalidInput(key, right, value=value)
         if is_number(value):
