@@ -66,6 +66,9 @@ class NearTables(JerkTables):
 class NearInequalities(JerkInequalities):
     """The rows of `JerkInequalities`, and those of the boxes, both sides of each."""
 
+    # what has not converged by then cycles: a time tends to 0, or a box is as wide as the way
+    max_iterations = 300
+
     cells: NearTables
     point: Any
 
