@@ -233,7 +233,9 @@ def _counted(problem: Problem) -> Problem:
     """
     if problem.limits.segments is None:
         return problem
-    _, index = problem.merged()
+    merged, index = problem.merged()
+    if merged is problem:
+        return problem
     (moving,) = np.nonzero(np.diff(index))
     numbers = moving[np.minimum(index[:-1], len(moving) - 1)]
     return replace(problem, limits=problem.limits.of_segments(numbers))
