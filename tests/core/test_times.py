@@ -182,7 +182,9 @@ def test_no_slower_motion_has_the_given_times():
     assert certificate.certified_duration is None
     assert certificate.flaws[0].endswith("and the times are given")
     slow = verify(problem, fastest)
-    assert "s, 0.808332 s are given" in slow.flaws[0]
+    given = [f"s, {time:.6g} s are given" for time in np.diff(fast.waypoint_times)]
+    # all are missed by one per cent: rounding says which is the worst
+    assert any(said in slow.flaws[0] for said in given)
 
 
 def test_asking_for_nothing_changes_nothing():

@@ -41,6 +41,10 @@ _SHORTEST = 1e-3
 # accelerations that such a velocity leaves.
 _VELOCITIES = np.linspace(-0.95, 0.95, 21)
 _ACCELERATIONS = np.linspace(-0.9, 0.9, 5)
+# States that a brief segment leads to: jerks of its first and second half, shares of the limits.
+_JERKS = (-0.8, -0.3, 0.0, 0.3, 0.8)
+# Times near which a joint keeps its velocity through a segment, relative to that time.
+_PASSING = np.linspace(0.85, 1.15, 25)
 # A start's displacements are so far inside what is reachable, in units of the time squared.
 _SLACK = 1e-6
 # Times of the grid from the edge of an interval to a start; the later ones where all starts fail.
@@ -149,7 +153,7 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
 
 def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array) -> list[float]:
     """A time in every interval in which a segment leads from a state to another."""
-    times = _grid(scaled, segment)
+    times = _grid(scaled, segment, (start[0] + end[0]) / 2)
     states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
     inside = _slack(scaled, segment, times, states).min(axis=1) > _SLACK
     return [float(times[place]) for place in _places(inside, depth)]
@@ -163,25 +167,43 @@ def _beside(
     For each time and joint it is the state, of those tried, with the most slack.
     """
     joints = scaled.h.shape[1]
-    times = _grid(scaled, segment)
+    times = _grid(scaled, segment, given[0])
     low, high = _at(scaled.v, segment, first=first)
     braking, speeding = _at(scaled.a, segment, first=first)
     easing = scaled.r.reshape(-1, joints).max(axis=0)
-    best = np.full((len(times), joints), -np.inf)
-    chosen = np.zeros((len(times), 2, joints))
+    tried = []
     for share, bend in product(_VELOCITIES, _ACCELERATIONS):
         velocity = np.where(share > 0, share * high, -share * low)
         room = np.minimum(high - velocity, velocity - low)
         most = np.sqrt(1.8 * room / np.maximum(easing, 1e-300))
         state = np.stack([velocity, bend * np.minimum(np.minimum(speeding, -braking), most)])
-        pair = np.stack([given, state] if first else [state, given])
-        states = np.repeat(pair[:, :, None], len(times), axis=2)
-        slack = _slack(scaled, segment, times, states)
+        tried.append(np.repeat(state[:, None], len(times), axis=1))
+    tried += _after(given, times, 1 / easing, forwards=first)
+    best = np.full((len(times), joints), -np.inf)
+    chosen = np.zeros((len(times), 2, joints))
+    held = np.repeat(given[:, None], len(times), axis=1)
+    for state in tried:
+        slack = _slack(scaled, segment, times, np.stack([held, state] if first else [state, held]))
         better = slack > best
         best = np.where(better, slack, best)
-        chosen = np.where(better[:, None], state, chosen)
+        chosen = np.where(better[:, None], state.swapaxes(0, 1), chosen)
     inside = best.min(axis=1) > _SLACK
     return [_Beside(float(times[place]), chosen[place]) for place in _places(inside, depth)]
+
+
+def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterator[Array]:
+    """States that constant jerks in both halves of a segment lead to, `(2, times, joints)`.
+
+    Backwards in time, the state that leads to the given one.
+    """
+    half = (times if forwards else -times)[:, None] / 2
+    for shares in product(_JERKS, _JERKS):
+        velocity, acceleration = given[0], given[1]
+        for share in shares:
+            own = share * jerk
+            velocity = velocity + acceleration * half + own * half**2 / 2
+            acceleration = acceleration + own * half
+        yield np.stack([velocity, acceleration])
 
 
 def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
@@ -220,11 +242,14 @@ def _at(limits: Array, segment: int, *, first: bool) -> tuple[Array, Array]:
     return both[0].max(axis=0), both[1].min(axis=0)
 
 
-def _grid(scaled: Scaled, segment: int) -> Array:
+def _grid(scaled: Scaled, segment: int, velocity: Array) -> Array:
+    """Times to try, among them those near which a joint passes with this velocity, `(joints,)`."""
     stop = float(scaled.stop[segment])
-    return np.geomspace(
-        max(_SHORTEST * stop, float(scaled.shortest[segment])), _LONGEST * stop, _TIMES
-    )
+    shortest = max(_SHORTEST * stop, float(scaled.shortest[segment]))
+    times = np.geomspace(shortest, _LONGEST * stop, _TIMES)
+    passing = np.outer(_PASSING, scaled.h[segment] / velocity).ravel()
+    inside = (passing >= times[0]) & (passing <= times[-1])
+    return np.union1d(times, passing[inside])
 
 
 def _places(inside: Bools, depth: int) -> list[int]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.exact.jerk import ExactJerk
+from baselines.lower_bound.planner import Prove
 from soaks.moving_ends import drawn, optimum
 from trajopt import Limits, Problem, Status, verify
 
@@ -29,6 +30,20 @@ def test_two_segments_share_their_only_waypoint():
         start_acceleration=[1.47562, 0.455386],
     )
     assert solved(problem).duration == pytest.approx(3.0292890934571433, rel=1e-9)
+
+
+def test_a_brief_first_segment_is_passed_at_speed():
+    """A proved bound stands at 0.7314 s; later than that waypoint 2 is passed a second time."""
+    problem = Problem(
+        [[0.0], [0.09562864326763143], [0.18366094049740106]],
+        Limits([1.2927130426302411], [3.661044795736327], [20.108985405398094]),
+        start_velocity=[0.9309486638993973],
+        end_velocity=[-0.6852915329029059],
+    )
+    bound = Prove().solve(problem).lower_bound
+    assert bound > 0.731
+    certificate = verify(problem, ExactJerk().solve(problem).trajectory)
+    assert certificate.certified_duration == pytest.approx(bound, rel=2e-4)
 
 
 @pytest.mark.parametrize("seed", range(1, 17, 2))
