@@ -16,7 +16,7 @@ import numpy as np
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared
-from trajopt.core.solution import Solution
+from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.passing import misses
 from trajopt.judging.verification import verify
@@ -84,6 +84,9 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     if duration < least:
         least = duration
         best = whole
+    if not np.isfinite(least):
+        said = "no motion found that keeps the limits and passes the tiny steps"
+        return replace(best, status=Status.FAILED, message=said)
     if least <= relaxed * (1 + NEAR_RTOL):
         return best
     above = 100 * (least / relaxed - 1)

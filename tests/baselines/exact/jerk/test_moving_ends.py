@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import trajopt
 from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound.planner import Prove
 from soaks.moving_ends import drawn, optimum
@@ -91,3 +92,10 @@ def test_impossible_accelerations_are_infeasible():
     solution = ExactJerk().solve(problem)
     assert solution.status is Status.INFEASIBLE
     assert "under its jerk limit to 2.25 rad/s at least" in solution.message
+
+
+def test_an_answer_that_nothing_certifies_is_not_called_solved():
+    """Its first two steps are tiny; no motion through them is found."""
+    solution = ExactJerk().solve(trajopt.problem("moving-random-33"))
+    assert solution.status is Status.FAILED
+    assert solution.message == "no motion found that keeps the limits and passes the tiny steps"
