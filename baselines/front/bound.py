@@ -96,7 +96,7 @@ class FrontProof:
 
 @dataclass(frozen=True, eq=False)
 class FrontBound:
-    """What was proved.
+    """A proved lower bound of the smoothness integral over all segment times.
 
     Attributes:
         lower: No motion of the duration has a smaller integral.

@@ -107,7 +107,7 @@ _PLACES = {
         "its limits are in the URDF made of it, which goes behind --urdf"
     ),
 }
-# The same, where it depends on what is wanted.
+# What to do with a file (second word) that stands where another is wanted (first word).
 _PLACES_WANTED = {
     ("waypoints", "a CSV of a motion"): (
         "remove the column of times to plan through its positions; `trajopt judge MOTION PROBLEM` "

@@ -69,9 +69,9 @@ def thinned(problem: Problem) -> Problem:
 
 
 def _in_line(steps: Array, rounding: Array) -> Bools:
-    """Whether the direction hardly changes from each step to the next, `(segments - 1,)`.
+    """Whether the direction turns by `IN_LINE` at most from step to step, `(segments - 1,)`.
 
-    What the rounding of the waypoints changes in it is no change.
+    A turn that the rounding of the waypoints explains does not count.
     """
     sizes = np.abs(steps).max(axis=1, keepdims=True)
     sizes = np.maximum(sizes, np.finfo(float).tiny)

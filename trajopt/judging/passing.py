@@ -23,7 +23,7 @@ from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 # more than rounding.
 SAME_TIME_RTOL = 1e-9
 NEWTON_STEPS = 3
-# Of a miss as large as the largest coordinate, beside a limit that is broken by all of it.
+# Missing a waypoint by the largest coordinate weighs so many times as much as using a limit twice.
 NEAR_WEIGHT = 1e9
 # Relative to the duration: rounding of the time at which a waypoint is passed.
 PASSING_RTOL = 4 * BREAK_RTOL

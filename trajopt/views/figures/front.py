@@ -16,7 +16,7 @@ from trajopt.views.figures.style import BLACK, GREY, plain, power_of_ten, text
 _WIDTH_IN = 3.5
 _PANEL_IN = 2.5
 _LEGEND_LINE_IN = 0.15
-_TICKS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)  # of a decade of durations
+_TICKS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)  # durations that get a label, s, times powers of ten
 
 
 @styled
