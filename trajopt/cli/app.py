@@ -16,7 +16,7 @@ import cyclopts
 
 import trajopt
 from trajopt.cli import STOPPED, console, examples
-from trajopt.core.exceptions import FileNote, TrajoptError, UnitWarning, nearest
+from trajopt.core.exceptions import FileNote, TrajoptError, UnitWarning, UnknownName, nearest
 from trajopt.core.out_of_scope import SCOPE, out_of_scope
 from trajopt.core.renamed import told
 
@@ -179,6 +179,8 @@ def _words(error: Exception) -> str:
     if isinstance(error, cyclopts.UnknownCommandError) and error.app and error.unused_tokens:
         given = error.unused_tokens[0]
         return told(given, "command") or _suggesting(error, given, [*error.app])
+    if isinstance(error, UnknownName):
+        return _taken_for_another(error) or str(error)
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     if error.filename:
@@ -186,6 +188,19 @@ def _words(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"the working folder was deleted ({error.strerror})"
     return error.strerror
+
+
+def _taken_for_another(error: UnknownName) -> str:
+    """Say that a planner was given as a problem, or a problem as a planner; empty otherwise."""
+    from trajopt.benchmark.suites import catalogue
+    from trajopt.planners.registry import entries
+
+    name = error.name
+    if error.kind == "problem" and name in entries():
+        return f"{name} is a planner, not a problem; commands that take one want --planner {name}"
+    if error.kind == "planner" and name in catalogue.problem_files():
+        return f"{name} is a problem, not a planner; it is given without --planner"
+    return ""
 
 
 def _missing(error: cyclopts.MissingArgumentError) -> str:
