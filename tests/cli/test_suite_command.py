@@ -7,7 +7,7 @@ import pytest
 
 from trajopt import InvalidInput, Problem, UnknownName
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.suites.robots import ROBOTS_VERSION
+from trajopt.benchmark.suites import robots
 from trajopt.cli import suite as suite_cli
 
 
@@ -84,7 +84,7 @@ def test_show_json_has_whole_digests(run):
     _, out = run("show robots --size 5 --json")
     found = parsed(out)
     assert found["suite"] == "robots"
-    assert found["version"] == ROBOTS_VERSION
+    assert found["version"] == robots.VERSION
     for row, problem in zip(found["problems"], suite.problems("robots", 5), strict=True):
         assert row["digest"] == problem.digest()
         assert row["name"] == problem.name

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from rich.text import Text
 
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.suites.catalogue import Suite
+from trajopt.benchmark.suites.suite import Suite
 from trajopt.cli import console, examples
 from trajopt.cli.parameters import Json, whole_number
 from trajopt.core.exceptions import InvalidInput

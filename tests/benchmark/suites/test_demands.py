@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import islice
-
 import pytest
 
 from baselines.exact.acceleration import Exact
@@ -24,8 +22,8 @@ def test_closed_forms(key):
 
 
 def test_forty_of_each_kind():
-    drawn = list(islice(demands.stream(), demands.SIZE))
-    assert len({problem.digest() for problem in drawn}) == demands.SIZE == 206
+    drawn = demands.SUITE.problems()
+    assert len({problem.digest() for problem in drawn}) == demands.SUITE.size == 206
     of_kind = [next(iter(problem.demands)) for problem in drawn[-demands.RANDOM :]]
     assert {kind: of_kind.count(kind) for kind in demands.KINDS} == dict.fromkeys(demands.KINDS, 40)
     assert all(catalogue.given(problem.name) == problem for problem in drawn[::29])

@@ -33,6 +33,6 @@ def test_every_name_leads_to_its_problem():
     for problem in catalogue.problems("sections", 20):
         assert catalogue.load(problem.name) == problem
         assert problem.limits.segments == problem.segments
-    assert sections.named("sections-random-5") is None
+    assert sections.SUITE.named("sections-random-5") is None
     assert sections.draw(3).has("jerk")
     assert not sections.draw(2).has("jerk")

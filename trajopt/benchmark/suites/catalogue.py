@@ -12,15 +12,14 @@ results.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import cache, partial
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
 from trajopt.benchmark.suites import demands, edges, families, literature, moving, robots, sections
+from trajopt.benchmark.suites.suite import Suite
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
@@ -120,21 +119,14 @@ def group(problem: Problem) -> str:
 
 def _made(name: str) -> Problem:
     """Return the problem of a suite that is made in code; raise `UnknownName` otherwise."""
-    for named in (
-        robots.named,
-        edges.named,
-        moving.named,
-        sections.named,
-        demands.named,
-        families.named,
-    ):
-        problem = named(name)
+    known = suites()
+    for suite in known.values():
+        problem = suite.named(name)
         if problem is not None:
             return problem
     prefix, _, _ = name.lower().partition("-")
-    if prefix in ("robots", "edges", "moving", "sections", "demands"):
-        known = [problem.name for problem in problems(prefix)]
-        raise UnknownName("problem", name, known)
+    if prefix in known:
+        raise UnknownName("problem", name, [problem.name for problem in problems(prefix)])
     literature.refuse_beyond(name)
     raise UnknownName("problem", name, problem_files() | literature.files())
 
@@ -152,87 +144,35 @@ def robot(name_or_path: str) -> Robot:
     return Robot.from_toml(path)
 
 
-@dataclass(frozen=True)
-class Suite:
-    """Problems that belong together; `stream` yields the same ones at each call.
-
-    Where `stream` has no end, `size` is the default number of problems.
-    """
-
-    name: str
-    description: str
-    version: int
-    stream: Callable[[], Iterator[Problem]]
-    size: int | None = None
-
-    def problems(self, size: int | None = None) -> list[Problem]:
-        """Return the first `size` problems, or all if there are fewer."""
-        if size is not None and size < 1:
-            raise InvalidInput("size", "1 or more", value=size)
-        return list(islice(self.stream(), size or self.size))
-
-
 def suites() -> dict[str, Suite]:
     """Return every suite by name; each random family is a suite too."""
     found = [
-        Suite(
-            PAPER_PROBLEM,
-            "the problem of Ma et al. 2024",
-            version=1,
-            stream=partial(_files, PAPER_PROBLEM),
-        ),
-        Suite(
-            "edges",
-            "degenerate problems, one kind each",
-            version=edges.EDGES_VERSION,
-            stream=_edges,
-        ),
+        Suite(PAPER_PROBLEM, "the problem of Ma et al. 2024", 1, partial(_files, PAPER_PROBLEM)),
+        Suite("edges", "degenerate problems, one kind each", edges.VERSION, _edges, edges.named),
         Suite(
             "robots",
             f"{len(robots.arm_files())} real arms",
-            version=robots.ROBOTS_VERSION,
-            stream=robots.stream,
+            robots.VERSION,
+            robots.stream,
+            robots.named,
         ),
-        Suite(
-            "literature",
-            "published problems, with the times published for them",
-            version=literature.LITERATURE_VERSION,
-            stream=literature.stream,
-        ),
-        Suite(
-            "moving",
-            "problems that begin or end in motion",
-            version=moving.VERSION,
-            stream=moving.stream,
-            size=moving.SIZE,
-        ),
-        Suite(
-            "sections",
-            "problems with limits of one segment",
-            version=sections.VERSION,
-            stream=sections.stream,
-            size=sections.SIZE,
-        ),
-        Suite(
-            "demands",
-            "problems of times, waits, loops and waypoints within tolerance",
-            version=demands.VERSION,
-            stream=demands.stream,
-            size=demands.SIZE,
-        ),
+        literature.SUITE,
+        moving.SUITE,
+        sections.SUITE,
+        demands.SUITE,
         Suite(
             "random",
             "its families by turns",
-            version=families.VERSION,
-            stream=families.stream,
+            families.VERSION,
+            families.stream,
+            families.named,
             size=len(families.FAMILIES) * _PROBLEMS_PER_FAMILY,
         ),
     ]
     for name, family in families.FAMILIES.items():
         stream = partial(families.stream, name)
-        version = families.VERSION
-        size = _PROBLEMS_PER_FAMILY
-        found.append(Suite(f"random-{name}", family.description, version, stream, size))
+        version, size = families.VERSION, _PROBLEMS_PER_FAMILY
+        found.append(Suite(f"random-{name}", family.description, version, stream, size=size))
     return {suite.name: suite for suite in found}
 
 

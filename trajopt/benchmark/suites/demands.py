@@ -6,15 +6,14 @@ every machine.
 
 from __future__ import annotations
 
-import itertools
-import re
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from trajopt.benchmark.suites import families
+from trajopt.benchmark.suites.suite import made_and_drawn
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -25,7 +24,6 @@ VERSION = 1
 
 KINDS = ("tolerance", "least_times", "dwell", "closed", "given_times")
 RANDOM = 200  # by default, 40 of each kind, every other one with jerk limits
-_NAME = re.compile(r"demands-random-(?P<index>\d\d\d+)")
 _SHARES = (0.001, 0.01, 0.05, 0.2)  # tolerances, of each joint's largest displacement
 
 _FAST, _SLOW = Limits([9.0], [1.0]), Limits([1.0], [2.0])
@@ -49,27 +47,6 @@ _CLOSED_FORMS: dict[str, tuple[Any, Limits, dict[str, Any]]] = {
 }
 
 
-def stream() -> Iterator[Problem]:
-    """Yield closed forms, then random problems without end."""
-    for key in _CLOSED_FORMS:
-        yield _closed_form(key)
-    for index in itertools.count():
-        yield draw(index)
-
-
-SIZE = len(_CLOSED_FORMS) + RANDOM
-
-
-def named(name: str) -> Problem | None:
-    """Return the problem of this name, or None."""
-    match = _NAME.fullmatch(name)
-    if match is not None:
-        problem = draw(int(match["index"]))
-        return problem if problem.name == name else None
-    prefix, _, key = name.partition("-")
-    return _closed_form(key) if prefix == "demands" and key in _CLOSED_FORMS else None
-
-
 def _closed_form(key: str) -> Problem:
     waypoints, limits, demands = _CLOSED_FORMS[key]
     return Problem(waypoints, limits, f"demands-{key}", _source("closed form"), demands=demands)
@@ -78,12 +55,9 @@ def _closed_form(key: str) -> Problem:
 def draw(index: int) -> Problem:
     """Draw random problem number `index`: 1 to 4 joints, 3 to 6 waypoints."""
     number, kind = divmod(index, len(KINDS))
-    jerk = number % 2 == 1
-    family = sorted(families.FAMILIES)[number % len(families.FAMILIES)]
-    joints = 1 + number // 2 % 4
-    waypoints = 3 + number // 8 % 4
-    base = families.draw(family, number, joints=joints, waypoints=waypoints, jerk=jerk)
+    base = families.by_turns(number, fewest_waypoints=3)
     rng = np.random.default_rng([VERSION, 50, index])
+    family = families.of_turn(number)
     source = _source(f"random family {family}, version {VERSION}, index {index}")
     points, demand = _demand(KINDS[kind], base, rng)
     name = f"demands-random-{index:03}"
@@ -119,3 +93,13 @@ def _short(number: float) -> float:
 
 def _source(words: str) -> str:
     return f"trajopt.benchmark.suites.demands, {words}"
+
+
+SUITE = made_and_drawn(
+    "demands",
+    "problems of times, waits, loops and waypoints within tolerance",
+    VERSION,
+    {key: partial(_closed_form, key) for key in _CLOSED_FORMS},
+    draw,
+    RANDOM,
+)

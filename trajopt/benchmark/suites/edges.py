@@ -11,7 +11,7 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 
 # Raise it whenever a degenerate problem changes.
-EDGES_VERSION = 2
+VERSION = 2
 
 
 def stream() -> Iterator[Problem]:

@@ -91,6 +91,25 @@ def draw(
     )
 
 
+def of_turn(turn: int) -> str:
+    """Return the name of the family whose turn it is in alphabetical order."""
+    return sorted(FAMILIES)[turn % len(FAMILIES)]
+
+
+def by_turns(turn: int, *, fewest_waypoints: int) -> Problem:
+    """Draw a problem for another suite to add its demands to, the sizes by turns too.
+
+    It has 1 to 4 joints and up to 6 waypoints; jerk limits are in every other one.
+    """
+    return draw(
+        of_turn(turn),
+        turn,
+        joints=1 + turn // 2 % 4,
+        waypoints=fewest_waypoints + turn // 8 % (7 - fewest_waypoints),
+        jerk=turn % 2 == 1,
+    )
+
+
 def stream(*families: str) -> Iterator[Problem]:
     """Yield problems of these families (by default of all) by turns, without end."""
     for index in itertools.count():

@@ -21,6 +21,7 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
+from trajopt.benchmark.suites.suite import Suite
 from trajopt.core import built_in, numerals
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.files import check_keys, text_at, toml
@@ -28,7 +29,7 @@ from trajopt.core.problem import Problem
 from trajopt.explain.verdicts import Claim
 
 # Raise it whenever a file changes, or one is added.
-LITERATURE_VERSION = 1
+VERSION = 1
 
 _SECONDS = {"s": Decimal(1), "ms": Decimal("1e-3")}
 _JERK_UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
@@ -203,3 +204,8 @@ def _table(value: Any, key: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise InvalidInput(key, "a table", value=value)
     return value
+
+
+SUITE = Suite(
+    "literature", "published problems, with the times published for them", VERSION, stream
+)

@@ -7,14 +7,13 @@ and end accelerating too, as far as velocity limits leave room for.
 
 from __future__ import annotations
 
-import itertools
-import re
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from trajopt.benchmark.suites import families
+from trajopt.benchmark.suites.suite import made_and_drawn
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -23,7 +22,6 @@ from trajopt.core.problem import Problem
 VERSION = 1
 
 RANDOM = 80  # by default, every other one with jerk limits
-_NAME = re.compile(r"moving-random-(?P<index>\d\d+)")
 _MOST_VELOCITY = 0.5  # of its limit
 _MOST_ROOM = 0.8  # of what a velocity leaves to the limit
 
@@ -60,32 +58,6 @@ _CLOSED_FORMS = {
 }
 
 
-def stream() -> Iterator[Problem]:
-    """Yield closed forms, the replanned problem, and random ones, without end."""
-    for key in _CLOSED_FORMS:
-        yield _closed_form(key)
-    yield _replanned()
-    for index in itertools.count():
-        yield draw(index)
-
-
-SIZE = len(_CLOSED_FORMS) + 1 + RANDOM
-
-
-def named(name: str) -> Problem | None:
-    """Return the problem of this name, or None."""
-    match = _NAME.fullmatch(name)
-    if match is not None:
-        problem = draw(int(match["index"]))
-        return problem if problem.name == name else None
-    prefix, _, key = name.partition("-")
-    if prefix != "moving":
-        return None
-    if key == "replanned":
-        return _replanned()
-    return _closed_form(key) if key in _CLOSED_FORMS else None
-
-
 def _closed_form(key: str) -> Problem:
     waypoints, limits, demands = _CLOSED_FORMS[key]
     return Problem(waypoints, limits, f"moving-{key}", _source("closed form"), demands=demands)
@@ -103,11 +75,8 @@ def _replanned() -> Problem:
 
 def draw(index: int) -> Problem:
     """Draw random problem number `index`: 1 to 4 joints, 2 to 6 waypoints."""
-    jerk = index % 2 == 1
-    family = sorted(families.FAMILIES)[index % len(families.FAMILIES)]
-    joints = 1 + index // 2 % 4
-    waypoints = 2 + index // 8 % 5
-    base = families.draw(family, index, joints=joints, waypoints=waypoints, jerk=jerk)
+    base = families.by_turns(index, fewest_waypoints=2)
+    joints = base.joints
     rng = np.random.default_rng([VERSION, 51, index])
     demands: dict[str, Array] = {}
     limits = base.limits
@@ -117,13 +86,24 @@ def draw(index: int) -> Problem:
     for end in ("start", "end"):
         velocity = _MOST_VELOCITY * V * (2 * rng.random(joints) - 1)
         demands[f"{end}_velocity"] = velocity
-        if jerk:
+        if base.has("jerk"):
             room = _MOST_ROOM * (V - np.abs(velocity))
             most = np.minimum(A, np.sqrt(2 * J * room))
             demands[f"{end}_acceleration"] = 0.5 * most * (2 * rng.random(joints) - 1)
+    family = families.of_turn(index)
     source = _source(f"random family {family}, version {VERSION}, index {index}")
     return replace(base, name=f"moving-random-{index:02}", source=source, demands=demands)
 
 
 def _source(words: str) -> str:
     return f"trajopt.benchmark.suites.moving, {words}"
+
+
+SUITE = made_and_drawn(
+    "moving",
+    "problems that begin or end in motion",
+    VERSION,
+    {key: partial(_closed_form, key) for key in _CLOSED_FORMS} | {"replanned": _replanned},
+    draw,
+    RANDOM,
+)

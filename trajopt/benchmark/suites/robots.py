@@ -14,7 +14,7 @@ from trajopt.core.arm_file import arm_files as arm_files
 from trajopt.core.problem import Problem
 
 # Raise it whenever an arm or its problems change.
-ROBOTS_VERSION = 2
+VERSION = 2
 
 _SEED = 1  # of the waypoints
 
@@ -49,7 +49,7 @@ def robot_problem(real: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
         middle + reach * unit,
         limits,
         name=f"robots-{real.name}-w{waypoints}{ending}",
-        source=f"{real.description}; data/robots/{real.name}.toml, version {ROBOTS_VERSION}",
+        source=f"{real.description}; data/robots/{real.name}.toml, version {VERSION}",
         joint_names=real.joint_names,
         joint_units=["rad"] * joints,
     )

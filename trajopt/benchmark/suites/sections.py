@@ -7,14 +7,13 @@ acceleration and jerk from 0.3 on.
 
 from __future__ import annotations
 
-import itertools
-import re
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from trajopt.benchmark.suites import families
+from trajopt.benchmark.suites.suite import made_and_drawn
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -23,7 +22,6 @@ from trajopt.core.problem import Problem
 VERSION = 1
 
 RANDOM = 80  # by default, every other one with jerk limits
-_NAME = re.compile(r"sections-random-(?P<index>\d\d+)")
 _LEAST_VELOCITY = 0.2  # of the family's
 _LEAST_ACCELERATION = 0.3
 
@@ -57,32 +55,6 @@ _MADE: dict[str, tuple[list[list[float]], list[float], list[float], list[float],
 }
 
 
-def stream() -> Iterator[Problem]:
-    """Yield closed forms and edges, the paper's problem, and random ones, without end."""
-    for key in _MADE:
-        yield _made(key)
-    yield _six_axis()
-    for index in itertools.count():
-        yield draw(index)
-
-
-SIZE = len(_MADE) + 1 + RANDOM
-
-
-def named(name: str) -> Problem | None:
-    """Return the problem of this name, or None."""
-    match = _NAME.fullmatch(name)
-    if match is not None:
-        problem = draw(int(match["index"]))
-        return problem if problem.name == name else None
-    prefix, _, key = name.partition("-")
-    if prefix != "sections":
-        return None
-    if key == "six-axis":
-        return _six_axis()
-    return _made(key) if key in _MADE else None
-
-
 def _made(key: str) -> Problem:
     waypoints, *sizes, words = _MADE[key]
     joints = len(waypoints[0])
@@ -105,26 +77,33 @@ def _six_axis() -> Problem:
 
 def draw(index: int) -> Problem:
     """Draw random problem number `index`: 1 to 4 joints, 3 to 6 waypoints."""
-    jerk = index % 2 == 1
-    family = sorted(families.FAMILIES)[index % len(families.FAMILIES)]
-    joints = 1 + index // 2 % 4
-    waypoints = 3 + index // 8 % 4
-    base = families.draw(family, index, joints=joints, waypoints=waypoints, jerk=jerk)
+    base = families.by_turns(index, fewest_waypoints=3)
     rng = np.random.default_rng([VERSION, 52, index])
 
     def own(pairs: Array, least: float) -> Array:
-        return pairs * rng.uniform(least, 1.0, (base.segments, joints, 1))
+        return pairs * rng.uniform(least, 1.0, (base.segments, base.joints, 1))
 
     known = base.limits
     limits = Limits(
         own(known.velocity, _LEAST_VELOCITY),
         own(known.acceleration, _LEAST_ACCELERATION),
-        own(known.jerk, _LEAST_ACCELERATION) if jerk else None,
+        own(known.jerk, _LEAST_ACCELERATION) if base.has("jerk") else None,
         known.position,
     )
+    family = families.of_turn(index)
     source = _source(f"random family {family}, version {VERSION}, index {index}")
     return replace(base, name=f"sections-random-{index:02}", source=source, limits=limits)
 
 
 def _source(words: str) -> str:
     return f"trajopt.benchmark.suites.sections, {words}"
+
+
+SUITE = made_and_drawn(
+    "sections",
+    "problems with limits of one segment",
+    VERSION,
+    {key: partial(_made, key) for key in _MADE} | {"six-axis": _six_axis},
+    draw,
+    RANDOM,
+)
