@@ -31,7 +31,7 @@ import threading
 import time
 import warnings
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
@@ -162,17 +162,17 @@ class Metaheuristic(Planner):
         if self.name != type(self).name:
             self._check_name()
 
-    @classmethod
+    @staticmethod
     @abstractmethod
-    def names(cls) -> Sequence[str]:
-        """Return the names of the library's optimisers; raises `MissingBackend` without it."""
+    def optimisers() -> Mapping[str, Any]:
+        """Return the library's optimisers, by name; raises `MissingBackend` without it."""
 
     @abstractmethod
     def search(self, counted: Counted, seed: int) -> None:
         """Minimise until the optimiser ends by itself, or `Spent` ends it."""
 
     def choices(self) -> dict[str, Sequence[str]]:
-        return {"name": self.names()}
+        return {"name": sorted(self.optimisers())}
 
     @property
     def budget(self) -> int:
@@ -235,7 +235,7 @@ class Metaheuristic(Planner):
 
     def _check_name(self) -> None:
         try:
-            known = self.names()
+            known = self.choices()["name"]
         except MissingBackend:
             return  # where the library is missing, the comparison says so
         if self.name in known:
@@ -324,13 +324,15 @@ class Mealpy(Metaheuristic):
     requires = ("mealpy",)
     extra = "mealpy"
 
-    @classmethod
-    def names(cls) -> Sequence[str]:
-        return sorted(_mealpy())
+    @staticmethod
+    @cache
+    def optimisers() -> Mapping[str, Any]:
+        found: dict[str, Any] = backend("mealpy", "mealpy").get_all_optimizers(verbose=False)
+        return found
 
     def search(self, counted: Counted, seed: int) -> None:
         epochs = -(-counted.budget // self.population)  # rounded up
-        kind = _mealpy()[self.name]
+        kind = self.optimisers()[self.name]
         try:
             optimiser = kind(epoch=epochs, pop_size=self.population)
         except ValueError:  # other options allow no such population: its own
@@ -341,12 +343,6 @@ class Mealpy(Metaheuristic):
         optimiser.solve(task, seed=seed)
 
 
-@cache
-def _mealpy() -> dict[str, Any]:
-    found: dict[str, Any] = backend("mealpy", "mealpy").get_all_optimizers(verbose=False)
-    return found
-
-
 @dataclass(frozen=True)
 class Pymoo(Metaheuristic):
     """Segment times by any single-objective optimiser of pymoo, by its class's name."""
@@ -355,12 +351,27 @@ class Pymoo(Metaheuristic):
     requires = ("pymoo",)
     extra = "pymoo"
 
-    @classmethod
-    def names(cls) -> Sequence[str]:
-        return sorted(_pymoo())
+    @staticmethod
+    @cache
+    def optimisers() -> Mapping[str, Any]:
+        """Those for one objective whose own packages are installed."""
+        backend("pymoo", "pymoo")
+        kind = import_module("pymoo.core.algorithm").Algorithm
+        folder = import_module("pymoo.algorithms.soo.nonconvex")
+        found: dict[str, Any] = {}
+        for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}."):
+            try:
+                members = vars(import_module(module.name))
+            except Exception:  # pymoo raises no `ImportError` where a package of its own is missing
+                continue
+            for name, member in members.items():
+                own = isinstance(member, type) and issubclass(member, kind)
+                if own and member.__module__ == module.name and not inspect.isabstract(member):
+                    found[name] = member
+        return found
 
     def search(self, counted: Counted, seed: int) -> None:
-        kind = _pymoo()[self.name]
+        kind = self.optimisers()[self.name]
         settings = {}
         if "pop_size" in inspect.signature(kind).parameters:
             settings["pop_size"] = self.population
@@ -371,25 +382,6 @@ class Pymoo(Metaheuristic):
             seed=seed,
             copy_algorithm=False,
         )
-
-
-@cache
-def _pymoo() -> dict[str, Any]:
-    """The algorithms for one objective, by name, whose own packages are installed."""
-    backend("pymoo", "pymoo")
-    kind = import_module("pymoo.core.algorithm").Algorithm
-    folder = import_module("pymoo.algorithms.soo.nonconvex")
-    found: dict[str, Any] = {}
-    for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}."):
-        try:
-            members = vars(import_module(module.name))
-        except Exception:  # pymoo raises no `ImportError` where a package of its own is missing
-            continue
-        for name, member in members.items():
-            own = isinstance(member, type) and issubclass(member, kind)
-            if own and member.__module__ == module.name and not inspect.isabstract(member):
-                found[name] = member
-    return found
 
 
 def _pymoo_problem(counted: Counted) -> Any:
@@ -411,16 +403,18 @@ class Nevergrad(Metaheuristic):
     requires = ("nevergrad",)
     extra = "nevergrad"
 
-    @classmethod
-    def names(cls) -> Sequence[str]:
-        return sorted(_nevergrad())
+    @staticmethod
+    @cache
+    def optimisers() -> Mapping[str, Any]:
+        registry = backend("nevergrad", "nevergrad").optimizers.registry
+        return {name.strip(): made for name, made in registry.items()}  # one ends with a space
 
     def search(self, counted: Counted, seed: int) -> None:
         ng = backend("nevergrad", "nevergrad")
         box = counted.fitness
         times = ng.p.Array(init=(box.low + box.high) / 2, lower=box.low, upper=box.high)
         times.random_state = np.random.RandomState(seed % 2**32)  # it needs this
-        made = _nevergrad()[self.name]
+        made = self.optimisers()[self.name]
         optimiser = self._sized(made)(times, budget=counted.budget, num_workers=1)
         while counted.left > 0:
             try:
@@ -434,9 +428,3 @@ class Nevergrad(Metaheuristic):
         if isinstance(made, type) or "popsize" not in inspect.signature(type(made)).parameters:
             return made
         return type(made)(**{**made._config, "popsize": self.population})
-
-
-@cache
-def _nevergrad() -> dict[str, Any]:
-    registry = backend("nevergrad", "nevergrad").optimizers.registry
-    return {name.strip(): made for name, made in registry.items()}  # one ends with a space

@@ -63,9 +63,13 @@ LEVEL = 0.05
 
 
 def entrants(
-    names: Sequence[str], libraries: Sequence[str], evaluations: int
+    names: Sequence[str], libraries: Sequence[str], evaluations: int, without: Sequence[str] = ()
 ) -> dict[str, Planner]:
-    """The planners of these names, or our own and all of these libraries, with this budget."""
+    """The planners of these names, or our own and all of these libraries, with this budget.
+
+    Args:
+        without: Optimisers of the libraries that are left out, as `mealpy:name=MultiGA`.
+    """
     found = {}
     for spec in names or [*OWN, *libraries]:
         name, planner = named(spec)
@@ -81,6 +85,8 @@ def entrants(
         except MissingBackend:
             continue
         for own in known:
+            if f"{name}:name={own}" in without:
+                continue
             found[f"{name} {own}"] = replace(planner, name=own)  # type: ignore[type-var]
     return found
 
@@ -190,6 +196,7 @@ def main(
     *,
     libraries: tuple[str, ...] = LIBRARIES,
     names: tuple[str, ...] = (),
+    without: tuple[str, ...] = (),
     budgets: tuple[int, ...] = BUDGETS,
     problems: tuple[str, ...] = (FIRST, *OTHERS),
     seeds: int = 30,
@@ -209,7 +216,7 @@ def main(
     for problem in problems:
         tables = {}
         for budget in budgets:
-            own = entrants(names, libraries, budget)
+            own = entrants(names, libraries, budget, without)
             folder = output / problem / f"{budget}"
             count = seeds if problem == FIRST else other_seeds
             contestants = [*own.items(), ("proof", load(races.PROOF))]

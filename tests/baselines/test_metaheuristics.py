@@ -39,9 +39,9 @@ class Played(Metaheuristic):
     name: str = "uniform"
     requires = ("numpy",)
 
-    @classmethod
-    def names(cls):
-        return [name for name in vars(cls) if name.startswith("play_")]
+    @staticmethod
+    def optimisers():
+        return {name: own for name, own in vars(Played).items() if name.startswith("play_")}
 
     def _check_name(self):
         pass

@@ -19,6 +19,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
@@ -109,13 +110,14 @@ def _recorded(value: Any) -> Recorded:
     return value.view(Recorded)
 
 
-def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[Array], float]:
+def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[ArrayLike], Any]:
     """Return a function of one candidate `(variables,)` that gives what `function` gives.
 
     It has one place for its argument: one thread at a time may call it.
 
     Args:
-        function: Takes candidates `(n, variables)` and returns `(n,)`.
+        function: Takes candidates `(n, variables)` and returns `(n,)`, or `(n, values)`; what is
+            returned here is then a number, or a list of them.
         sample: Any candidate, on which both must agree.
 
     Raises:
@@ -127,21 +129,21 @@ def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[Arr
     row = np.empty((1, variables), dtype=object)
     for i in range(variables):
         row[0, i] = symbols[i]
-    (value,) = _plain(function(row.view(Recorded)))
-    program = ca.Function("fitness", [symbols], [value])
+    values = _plain(function(row.view(Recorded)))
+    program = ca.Function("fitness", [symbols], [ca.vertcat(*values.flat)])
     candidate = np.empty(variables)
-    result = np.empty(1)
+    result = np.empty(values.shape[1:])
     buffer, evaluate = program.buffer()
     buffer.set_arg(0, candidate.data)
     buffer.set_res(0, result.data)
 
-    def call(x: Array) -> float:
+    def call(x: ArrayLike) -> Any:
         candidate[:] = x
         evaluate()
-        return result.item()
+        return result.tolist()
 
     call.program = (program, buffer)  # type: ignore[attr-defined]  # they own the memory
     (expected,) = function(sample[None])
-    if not np.isclose(call(sample), expected, rtol=_RTOL, atol=_RTOL):
+    if not np.allclose(call(sample), expected, rtol=_RTOL, atol=_RTOL):
         raise RuntimeError(f"compiled, {function} is {call(sample)} at {sample}, not {expected}")
     return call

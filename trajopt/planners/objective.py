@@ -92,10 +92,13 @@ class Objective:
             return np.empty(0)
         self.evaluations += len(rows)
         inside = self._inside(rows)
-        finite = np.isfinite(rows).all(axis=1)
-        if not finite.all():
-            inside[~finite] = self.high
-        values = np.where(finite, self._values(inside), np.inf)
+        finite = np.isfinite(rows)
+        if finite.all():
+            values = self._values(inside)
+        else:
+            lost = ~finite.all(axis=1)
+            inside[lost] = self.high
+            values = np.where(lost, np.inf, self._values(inside))
         return values if candidates.ndim == 2 else values.item()
 
     def trajectory(self, times: ArrayLike) -> Trajectory:

@@ -290,13 +290,14 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
     return excess.transpose(*range(1, axes - 1), 0)
 
 
-def position_bound(displacements: Array, times: Array, room: Array) -> Array:
-    """Return whether any joint may leave its position limits: by more than 0, rad, `(…)`.
+def position_bounds(displacements: Array, times: Array, room: Array) -> Array:
+    """Return whether each joint may leave its position limits: by more than 0, rad, `(…)`.
 
     The arguments are those of `position_excess`.
     """
     _, controls = _positions(displacements, times)
-    return _beyond(controls, _by_joint(room, controls.ndim - 1)).max(axis=0)
+    bounds = _beyond(controls, _by_joint(room, controls.ndim - 1))
+    return bounds.transpose(*range(1, bounds.ndim), 0)
 
 
 def _positions(displacements: Array, times: Array) -> tuple[Array, Array]:

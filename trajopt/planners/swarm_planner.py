@@ -7,8 +7,7 @@ leaving one counts as breaking any other does (docs/mathematics.md, section 2).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -195,21 +194,36 @@ class JointGroup(Timing):
     def fast(self, fitness: str) -> Callable[[Array], Array]:
         """Return `penalty` or `scaled`, compiled.
 
-        Exact positions cost twenty times as much as the rest, so they are asked for only where the
-        Bernstein coefficients do not show that the position limits are kept.
+        The exact position of a joint costs as much as all the rest, so it is asked for only where
+        the Bernstein coefficients do not show that the joint keeps its limits.
         """
         sample = self.high * np.array([0.2, 0.3, 0.4])
-        without = compiled(getattr(replace(self, room=None), fitness), sample)
         if self.room is None:
-            return lambda times: np.array([without(candidate) for candidate in times])
-        bound = partial(spline353.position_bound, self.displacements, room=self.room)
-        may_leave = compiled(lambda times: bound(times[:, None]), sample)
-        whole = compiled(getattr(self, fitness), sample)
+            whole = compiled(getattr(self, fitness), sample)
+            return lambda times: np.array([whole(candidate) for candidate in times])
+        room = self.room
+        bounds = compiled(
+            lambda times: spline353.position_bounds(self.displacements, times[:, None], room),
+            sample,
+        )
+        # one record for every joint: its displacements and limits are arguments too
+        joints = np.column_stack([self.displacements, room])
+        excess = compiled(_excess_alone, np.concatenate([sample, joints[0]]))
+        beyond = getattr(self, f"{fitness}_beyond")
+        whole = compiled(
+            lambda known: beyond(known[:, :3], known[:, 3:]),
+            np.concatenate([sample, np.zeros(len(joints))]),
+        )
+        own = joints.tolist()
 
-        def value(candidate: Array) -> float:
-            return whole(candidate) if may_leave(candidate) > 0 else without(candidate)
+        def value(times: list[float]) -> Any:
+            outside = [
+                excess(times + joint) if bound > 0 else 0.0
+                for joint, bound in zip(own, bounds(times), strict=True)
+            ]
+            return whole(times + outside)
 
-        return lambda times: np.array([value(candidate) for candidate in times])
+        return lambda times: np.array([value(candidate) for candidate in times.tolist()])
 
     def penalty_below(self, times: Array, incumbent: Array) -> Array:
         """`penalty` where it is below the incumbent `(N,)`; elsewhere no less than that."""
@@ -228,6 +242,12 @@ class JointGroup(Timing):
         if broken.any():
             value[broken] = self.penalty(times[broken])
         return value
+
+
+def _excess_alone(known: Array) -> Array:
+    """`position_excess` of one joint `(n,)`, of its times, displacements and room `(n, 8)`."""
+    times, displacements, room = known[:, None, :3], known[:, None, 3:6], known[:, None, 6:]
+    return spline353.position_excess(displacements, times, room)[:, 0]
 
 
 @dataclass(frozen=True, eq=False)

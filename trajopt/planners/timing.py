@@ -76,8 +76,11 @@ class Timing(ABC):
 
         The duration; or more than every duration in the box, by the violation of the limits.
         """
+        return self.penalty_beyond(times, self.outside(times))
+
+    def penalty_beyond(self, times: Array, outside: Array | None) -> Array:
+        """`penalty` of candidates that are this far `outside`."""
         excesses = [np.maximum(use - 1.0, 0.0) for use in self.uses(times, exact_above=1.0)]
-        outside = self.outside(times)
         if outside is not None:
             excesses.append(outside)
         excess = added(reduce(np.add, excesses))
@@ -86,8 +89,11 @@ class Timing(ABC):
 
     def scaled(self, times: Array) -> Array:
         """The duration once dilated to the limits; Deb's rule for position limits, `(N,)`."""
+        return self.scaled_beyond(times, self.outside(times))
+
+    def scaled_beyond(self, times: Array, outside: Array | None) -> Array:
+        """`scaled` of candidates that are this far `outside`."""
         duration = self.dilation(times) * added(times)
-        outside = self.outside(times)
         if outside is None:
             return duration
         excess = added(outside)
