@@ -1,9 +1,9 @@
-"""Waypoints within tolerance that one instant passes: problems in which these are one waypoint.
+"""Merge neighbouring waypoints whose tolerances overlap.
 
-Where the boxes around neighbouring waypoints overlap in every joint, the optimum may pass both at
-one instant, which the logarithm of the segment's time does not reach. So problems are solved also
-in which such neighbours are one waypoint, in the intersection of their boxes. The velocity limits
-of the segment between them still count there.
+A tolerance makes a box around each waypoint. Where the boxes of two neighbours overlap in every
+joint, the optimum may pass both at one instant. The segment's time is then 0, which its logarithm
+does not reach. So further problems are solved, in which such neighbours are one waypoint in the
+intersection of their boxes. The velocity limits of the segment between them still count there.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 
-# Pairs of neighbours that are tried one by one, beside all together and none.
+# Up to this many pairs of neighbours are also merged one pair at a time.
 MAX_PAIRS = 8
-FEW_STARTS = 2  # of each of several problems
-_LIMIT_RTOL = 1e-9  # by which a motion may exceed a limit: rounding
+FEW_STARTS = 2  # initial guesses for each problem, where there are several
+_LIMIT_RTOL = 1e-9  # a smaller excess over a limit is rounding
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
 
 
 class Merged(NamedTuple):
-    """A problem with some waypoints in one.
+    """A problem in which some neighbouring waypoints are merged.
 
     Attributes:
-        problem: Through one waypoint where neighbours are one.
-        places: Where each waypoint went, `(waypoints,)`.
-        passing: Velocity limits at the waypoints, those of the segments that are left out, rad/s,
-            `(waypoints, joints, 2)`; None where all segments have the same.
+        problem: The problem with fewer waypoints.
+        places: Index of each original waypoint among these, `(waypoints,)`.
+        passing: Velocity limits at the waypoints, from the segments that were removed, rad/s,
+            `(waypoints, joints, 2)`; None where all segments have the same limits.
     """
 
     problem: Problem
@@ -46,7 +46,7 @@ class Merged(NamedTuple):
 
 
 def merged(problem: Problem) -> Iterator[Merged]:
-    """Yield the problem itself, then those with neighbours in one."""
+    """Yield the problem itself, then the problems with merged neighbours."""
     count = len(problem.waypoints)
     yield Merged(problem, np.arange(count), None)
     pairs = np.flatnonzero(_overlapping(problem))
@@ -64,16 +64,17 @@ def best(
     problem: Problem,
     solve: Callable[[Problem, Array | None, PlannerT], Solution],
 ) -> Solution:
-    """Return the best answer of the problem, and of those with neighbours in one.
+    """Return the shortest answer to the problem and to those with merged neighbours.
 
     Args:
-        planner: Of local optima.
+        planner: Finds local optima from several initial guesses.
         problem: With a tolerance.
-        solve: Answers a problem as such a planner does, with velocity limits at the waypoints.
+        solve: Returns the planner's answer to a problem with further velocity limits at its
+            waypoints, see `Merged.passing`.
     """
     candidates = list(merged(problem))
     if len(candidates) > 1:
-        # where neighbours overlap the whole problem's own optimum may have a time of 0
+        # one of the merged problems may have the optimum: fewer guesses for each
         planner = replace(planner, starts=min(planner.starts, FEW_STARTS))
     found = []
     for own, index, passing in candidates:
@@ -89,7 +90,10 @@ def best(
 
 
 def _slowed(problem: Problem, motion: Trajectory) -> Trajectory | None:
-    """The motion, slowed down where it is too fast for a segment that takes no time."""
+    """Return the motion, slowed down if it is too fast in a segment that takes no time.
+
+    Return None if the route does not allow a dilation.
+    """
     velocity = problem.limits.kinds["velocity"]
     needed = velocity.dilation(velocity.worst(motion))
     if needed <= 1 + _LIMIT_RTOL:
@@ -103,14 +107,14 @@ def _box(problem: Problem) -> tuple[Array, Array]:
 
 
 def _overlapping(problem: Problem) -> Bools:
-    """Which segments may take no time, `(segments,)`."""
+    """Return which segments may take no time, `(segments,)`."""
     low, high = _box(problem)
     overlaps = np.maximum(low[:-1], low[1:]) <= np.minimum(high[:-1], high[1:])
     return np.asarray(overlaps.all(axis=1) & (problem.route.demand("least_times") == 0))
 
 
 def _chain(problem: Problem, pairs: Indices) -> Bools:
-    """Segments that take no time, from the first on as many as there is an intersection for."""
+    """Return a choice of segments that take no time: each where the boxes so far still overlap."""
     low, high = _box(problem)
     found = np.zeros(problem.segments, dtype=bool)
     least, most = low[0], high[0]
@@ -122,7 +126,7 @@ def _chain(problem: Problem, pairs: Indices) -> Bools:
 
 
 def _joined(problem: Problem, joined: Bools) -> Merged | None:
-    """The problem in which these segments take no time; None where nothing is left to move."""
+    """Return the problem in which these segments take no time; None if no motion is left."""
     index = np.append(0, np.cumsum(~joined))
     first = np.flatnonzero(np.diff(index, prepend=-1))
     low, high = _box(problem)
@@ -139,7 +143,7 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
 
 
 def _passing(problem: Problem, index: Indices) -> Array | None:
-    """The velocity limits at each waypoint of the segments that are left out there."""
+    """Return the velocity limits at each waypoint, from the segments that were removed there."""
     pairs = problem.limits.velocity
     if pairs.ndim == 2:
         return None

@@ -1,6 +1,6 @@
-"""Problems with tiny steps in line: solved without waypoints that may be missed by rounding.
+"""Problems with tiny steps: solved without the waypoints that a motion may miss by rounding.
 
-Such a waypoint lies between two short steps in line (`trajopt.core.resolution`; mathematics,
+Such a waypoint lies between two short steps in one line (`trajopt.core.resolution`; mathematics,
 section 7). Without these waypoints the problem is a relaxation. If its motion passes all of them
 within the rounding of coordinates, it is the answer to the whole problem. Otherwise, between each
 two remaining waypoints, the one that is missed most is put back, and the problem is solved again.
@@ -22,8 +22,8 @@ from trajopt.judging.passing import misses
 from trajopt.judging.verification import verify
 
 MAX_ATTEMPTS = 4  # before the whole problem is solved
-# Excess over the relaxation's duration, relative: below the first one no further attempt is made,
-# below the second one the whole problem is not solved.
+# Excess over the relaxation's duration, relative. Below the first no further attempt is made, below
+# the second the whole problem is not solved.
 SAME_RTOL = 1e-9
 NEAR_RTOL = 1e-6
 MISS = 0.25  # in roundings of coordinates: a waypoint that is missed by more may be put back

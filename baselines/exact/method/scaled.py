@@ -16,7 +16,8 @@ from trajopt.planners.rest_to_rest import stop_times
 
 # Shorter pieces are removed wherever the limits allow it, s.
 BRIEF_PIECE_S = 1e-6
-# Times that a joint which begins or ends in motion may take more, in times of stopping.
+# Added to the stop time of a first or last segment that begins or ends in motion, in times of
+# braking: the joints may have to stop, to come back, and to speed up again.
 _RETURNS = 3.0
 
 
@@ -52,13 +53,12 @@ class Scaled:
         acceleration = _by_side(limits.acceleration, moving, rows)
         jerks = np.abs(_by_side(limits.jerk, moving, rows))
 
-        # the least total of times that are no briefer than given is theirs, if a motion has them
+        # given times count as least times: their sum is the optimum, if any motion has these times
         least = problem.route.demand("least_times") + problem.route.demand("given_times")
         stop = np.maximum(stop_times(known), least)
         route = problem.route
         end_v, end_a = np.stack([route.start, route.end], axis=1)[..., moving]
         if not route.at_rest:
-            # to stop, to come back, and to start so again
             slowest = np.abs(acceleration).min(axis=0).reshape(-1, len(end_v[0])).min(axis=0)
             stop[0] += (_RETURNS * np.abs(end_v[0]) / slowest).max()
             stop[-1] += (_RETURNS * np.abs(end_v[1]) / slowest).max()
@@ -90,7 +90,7 @@ class Scaled:
         self.waypoint_a = self._of_both_segments(self.a)
 
     def _of_both_segments(self, limits: Array) -> Array:
-        """The tighter limits of the segments at both sides of each waypoint with a state."""
+        """Return the tighter limits of both segments at each waypoint with a state."""
         low, high = limits
         if len(low) == 1:
             return limits
@@ -99,7 +99,11 @@ class Scaled:
         return np.array([lows, highs])[:, : None if self.closed else -1]
 
     def shifted(self, offset: Array) -> Self:
-        """Return the problem without tolerance, with moved waypoints, `(waypoints, joints)`."""
+        """Return the problem without tolerance, with waypoints moved by `offset`.
+
+        Args:
+            offset: without units, at the waypoints with a state, `(waypoints, joints)`.
+        """
         waypoints = np.array(self.problem.waypoints)
         waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
         own = copy(self)
@@ -147,7 +151,7 @@ class Scaled:
 
 
 def _by_side(pairs: Array, moving: Bools, rows: int) -> Array:
-    """Limits `(joints, 2)`, or those of each segment, as `(2, rows, joints)`."""
+    """Return limits, `(joints, 2)` or those of each segment, as `(2, rows, joints)`."""
     sides = np.moveaxis(pairs[..., moving, :], -1, 0)
     joints = sides.shape[-1]
     return np.array(np.broadcast_to(sides.reshape(2, -1, joints), (2, rows, joints)))
