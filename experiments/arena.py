@@ -10,7 +10,8 @@ Each searches the three segment times of the 3-5-3 with Deb's rule in the same b
 budgets; the shortest 3-5-3 of each problem is proved to 1e-6 (`prove`). An optimiser has its
 library's own defaults, and a population of 30 where it has one. A run that needs more than 20 s of
 CPU time, raises or hangs is a failure, and counts as a run that reached no target. What was run is
-kept in `--output`; the same command goes on where it was interrupted, also with more seeds.
+kept in `--output`; the same command goes on where it was interrupted, also with more seeds. There
+is a table for each problem, and one of all runs on the problems beside six-axis.
 
 Groups: those not significantly worse than the best of the group (Mann and Whitney's test of the
 gaps, one-sided, Holm over all that are compared with it at 5 %) form a group with it; the next
@@ -131,6 +132,18 @@ def above_best(outcome: races.RaceResult) -> pd.Series[float]:
     return (outcome.runs["gap"] - width) / (1 + width)
 
 
+def together(outcomes: Sequence[races.RaceResult]) -> races.RaceResult:
+    """Return the outcomes of the same entrants on several problems as one."""
+    return races.RaceResult(
+        pd.concat([own.runs for own in outcomes], ignore_index=True),
+        {
+            name: [history for own in outcomes for history in own.histories[name]]
+            for name in outcomes[0].histories
+        },
+        pd.concat([own.proof for own in outcomes]),
+    )
+
+
 def table(outcome: races.RaceResult) -> pd.DataFrame:
     """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group."""
     gaps = above_best(outcome).groupby(outcome.runs["label"])
@@ -213,6 +226,7 @@ def main(
         problems = (FIRST,)
         seeds = 2
     print(versions(libraries))
+    others: dict[int, list[races.RaceResult]] = {budget: [] for budget in budgets}
     for problem in problems:
         tables = {}
         for budget in budgets:
@@ -230,12 +244,24 @@ def main(
                     timeout=HANG_TIMEOUT_S if jobs or executor else TIMEOUT,
                     executor=executor,
                 )
-            tables[budget] = table(races.outcome(results, list(own)))
-            save_table(tables[budget], output / f"{problem}-{budget}")
+            outcome = races.outcome(results, list(own))
+            if problem != FIRST:
+                others[budget].append(outcome)
+            tables[budget] = table(outcome)
             print(f"{problem}, {budget} evaluations, {count} seeds:")
-            print(tables[budget].to_string(float_format="{:.3g}".format))
-        save_table(printed(tables), output / f"{problem}-printed")
-        figure(tables, output / f"{problem}.svg")
+        report(problem, tables, output)
+    if len(others[budgets[0]]) > 1:
+        print(f"all problems but {FIRST} together:")
+        report("others", {budget: table(together(own)) for budget, own in others.items()}, output)
+
+
+def report(name: str, tables: Mapping[int, pd.DataFrame], folder: Path) -> None:
+    """Print the tables, and write them and their figure."""
+    for budget, own in tables.items():
+        save_table(own, folder / f"{name}-{budget}")
+        print(own.to_string(float_format="{:.3g}".format))
+    save_table(printed(tables), folder / f"{name}-printed")
+    figure(tables, folder / f"{name}.svg")
 
 
 def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:

@@ -7,7 +7,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from test_swarm_experiments import crowd
+from test_swarm_experiments import crowd, outcome
 
 from experiments import arena
 from experiments.common import races
@@ -57,6 +57,15 @@ def test_the_table_by_hand():
     assert shown.loc["a", "within 1 % at 200"] == "75 %"
     assert shown.loc["a", "median gap at 100"] == "0.2749 %"
     assert shown.loc["a", "group at 200"] == "1"
+
+
+def test_problems_together_count_all_their_runs():
+    on_first = crowd({"a": np.array([[1e-4] * 3]), "b": np.array([[np.nan] * 3])})
+    on_second = outcome({"a": {"p1": [[[100, 2.2]]]}, "b": {"p1": [[[100, 2.0002]]]}})
+    made = arena.table(arena.together([on_first, on_second]))
+    assert made["runs"].to_dict() == {"a": 4, "b": 4}
+    assert made["within 0.1 %"].to_dict() == {"a": 0.75, "b": 0.25}
+    assert made["failed"].to_dict() == {"a": 0, "b": 3}
 
 
 def test_a_failure_reaches_no_target():
