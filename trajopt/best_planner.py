@@ -20,8 +20,10 @@ from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.explain.references import best_planners
-from trajopt.planners.registry import named
+from trajopt.planners.registry import load, named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
+
+OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Best:
     Attributes:
         trial: The planner's trial.
         relaxed: Shortest duration known without the limits that the planner ignores, s.
-        proved: Lower bound, proved in closed form or in the record, s.
+        proved: Lower bound, proved in closed form, in the record, or by `prove` here, s.
         stopping: Duration of the motion that stops at every waypoint, s; None where a limit counts
             that it does not know.
         record: The best known answer of the problem, or None.
@@ -55,12 +57,18 @@ class Best:
         }
 
 
-def best(problem: Problem, seed: int) -> Best:
+def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
     """Ask the best planners in turn, until an answer keeps all limits.
 
     The first planners ignore limits that they do not know. If their answer keeps these limits too,
     no faster motion is known. If not, the answers of the others are compared with it: the shortest
     counts, dilated where it breaks a limit that no planner knows.
+
+    Args:
+        problem: What is planned.
+        seed: Of the random stream.
+        proof_time: Seconds for a lower bound, where neither a closed form nor the record proves
+            the answer within `OPTIMUM_RTOL`.
     """
     relaxed: float | None = None
     trials: list[Trial] = []
@@ -92,6 +100,8 @@ def best(problem: Problem, seed: int) -> Best:
     record = records.find(problem)
     if record is not None:
         proved = max(proved, record.lower_bound)
+    if proof_time and proved * (1 + OPTIMUM_RTOL) < durations[chosen] < np.inf:
+        proved = max(proved, _proof(problem, proof_time))
     return Best(
         trial=trials[chosen],
         relaxed=relaxed,
@@ -100,6 +110,16 @@ def best(problem: Problem, seed: int) -> Best:
         record=record,
         left_out=left_out[chosen],
     )
+
+
+def _proof(problem: Problem, seconds: float) -> float:
+    """Prove a lower bound, s; 0 where `prove` cannot be asked, or leaves limits out."""
+    try:
+        prover = load(f"prove:time_limit={seconds}")
+        proof = prover.solve(problem)
+    except TrajoptError:
+        return 0.0
+    return float(proof.stats.get("lower_bound", 0.0))
 
 
 def _stopping(problem: Problem) -> float | None:

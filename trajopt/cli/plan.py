@@ -31,6 +31,7 @@ from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Executed, Points, Target, peak
 
 _CYCLE_S = 1e-3
+_PROOF_TIME_S = 1.0
 _MAX_ARGUMENT_BYTES = 131_072  # of one argument, in Linux
 
 Form = Literal["message", "goal"]
@@ -86,7 +87,7 @@ def plan(
     found = None
     with console.waiting(f"planning {asked_for.name}"):
         if planner is None:
-            found = best(asked_for, seed)
+            found = best(asked_for, seed, _PROOF_TIME_S)
             trial = found.trial
         else:
             with closing(Supervised(planner, asked_for)) as chosen:
