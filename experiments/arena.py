@@ -79,7 +79,8 @@ def entrants(
             budget |= {"cpu_limit": CPU_LIMIT_S}
         planner = configured(planner, budget, name)
         if names or name in OWN:
-            found[spec.replace(":", " ")] = planner  # a colon parts a label from its options
+            # as those of a library are called; a colon parts a label from its options
+            found[spec.replace(":name=", " ").replace(":", " ")] = planner
             continue
         try:
             known = planner.choices()["name"]

@@ -86,7 +86,9 @@ def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
     limits = {planner.cpu_limit for name, planner in found.items() if "pymoo" in name}
     assert limits == {arena.CPU_LIMIT_S}
     one = arena.entrants(("pymoo:name=DE,population=10",), (), 500)
-    assert next(iter(one.values())).population == 10
+    assert one["pymoo DE,population=10"].population == 10
+    assert "pymoo DE" in arena.entrants(("pymoo:name=DE",), (), 500)
+    assert "pymoo DE" not in arena.entrants((), ("pymoo",), 500, without=("pymoo:name=DE",))
 
 
 def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
