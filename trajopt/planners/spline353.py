@@ -293,10 +293,11 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
 def position_bounds(displacements: Array, times: Array, room: Array) -> Array:
     """Return whether each joint may leave its position limits: by more than 0, rad, `(…)`.
 
-    The arguments are those of `position_excess`.
+    So says the Bernstein bound of the quintic's halves. The arguments are those of `position_excess`.
     """
     _, controls = _positions(displacements, times)
-    bounds = _beyond(controls, _by_joint(room, controls.ndim - 1))
+    room = _by_joint(room, controls.ndim - 1)
+    bounds = np.maximum(*(_beyond(half, room) for half in _halves(controls)))
     return bounds.transpose(*range(1, bounds.ndim), 0)
 
 
@@ -472,6 +473,17 @@ def _at(controls: Array, places: Indices) -> Array:
     """The polynomials at some indices of the flattened batch, `(degree + 1, N)`."""
     flat = controls.reshape(len(controls), -1)
     return flat[:, places]
+
+
+def _halves(controls: Array) -> tuple[Array, Array]:
+    """Bernstein coefficients of both halves, the second's from its end."""
+    left, right = [], []
+    points = controls
+    while len(points):
+        left.append(points[0])
+        right.append(points[-1])
+        points = (points[:-1] + points[1:]) / 2
+    return _stacked(*left), _stacked(*right)
 
 
 def _de_casteljau(controls: Array, s: Array) -> Array:
