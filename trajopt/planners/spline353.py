@@ -293,7 +293,7 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
 def position_bounds(displacements: Array, times: Array, room: Array) -> Array:
     """Return whether each joint may leave its position limits: by more than 0, rad, `(…)`.
 
-    So says the Bernstein bound of the quintic's halves. The arguments are those of `position_excess`.
+    So says the Bernstein bound of the halves of the quintic. Arguments: those of `position_excess`.
     """
     _, controls = _positions(displacements, times)
     room = _by_joint(room, controls.ndim - 1)
