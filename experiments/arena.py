@@ -33,7 +33,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import mannwhitneyu
+from scipy.stats import mannwhitneyu, spearmanr
 
 from experiments.common import races
 from experiments.common.output import save_table
@@ -43,7 +43,7 @@ from trajopt.comparison import TIMEOUT
 from trajopt.core.arrays import Array
 from trajopt.planners.registry import configured, load, named
 from trajopt.views.analysis import searches, statistics
-from trajopt.views.figures.style import BLACK, SKY
+from trajopt.views.figures.style import BLACK, GREEN, SKY, VERMILION
 
 LIBRARIES = ("mealpy", "pymoo", "nevergrad")
 OWN = ("pso", "ssa", "issa", "cmaes", "de")
@@ -228,6 +228,7 @@ def main(
         seeds = 2
     print(versions(libraries))
     others: dict[int, list[races.RaceResult]] = {budget: [] for budget in budgets}
+    on_first: dict[int, pd.DataFrame] = {}
     for problem in problems:
         tables = {}
         for budget in budgets:
@@ -251,9 +252,14 @@ def main(
             tables[budget] = table(outcome)
             print(f"{problem}, {budget} evaluations, {count} seeds:")
         report(problem, tables, output)
+        if problem == FIRST:
+            on_first = tables
     if len(others[budgets[0]]) > 1:
         print(f"all problems but {FIRST} together:")
-        report("others", {budget: table(together(own)) for budget, own in others.items()}, output)
+        on_others = {budget: table(together(own)) for budget, own in others.items()}
+        report("others", on_others, output)
+        for budget, own in on_first.items():
+            carried(own, on_others[budget], output / f"carried-{budget}.svg")
 
 
 def report(name: str, tables: Mapping[int, pd.DataFrame], folder: Path) -> None:
@@ -290,6 +296,43 @@ def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
         axes.grid(alpha=0.3)
         axes.legend()
         drawing.savefig(file)
+
+
+_LIBRARY_LOOKS = {"": (BLACK, "D"), "mealpy": (SKY, "o"), "pymoo": (VERMILION, "s")}
+_LIBRARY_LOOKS |= {"nevergrad": (GREEN, "^")}
+
+
+def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
+    """Draw each entrant's median gap on the other problems over that on six-axis; ours are named.
+
+    Returns:
+        Spearman's correlation of the two; a failure is the largest gap.
+    """
+    both = pd.DataFrame({"x": first["median gap"], "y": others["median gap"]}).dropna()
+    drawn = 100 * both[np.isfinite(both).all(axis=1)].clip(lower=1e-6)
+    correlation = float(spearmanr(both["x"].clip(upper=1e9), both["y"].clip(upper=1e9)).statistic)
+    with mpl.rc_context({"font.size": 9}):
+        drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
+        axes = drawing.subplots()
+        libraries = drawn.index.map(lambda name: name.split()[0] if " " in name else "")
+        for library, (colour, mark) in _LIBRARY_LOOKS.items():
+            own = drawn[libraries == library]
+            if len(own):
+                label = library or "ours"
+                axes.plot(own["x"], own["y"], mark, ms=4, color=colour, alpha=0.7, label=label)
+        for name, (x, y) in drawn[libraries == ""].iterrows():
+            axes.annotate(str(name), (x, y), (5, -9), textcoords="offset points")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.set_xlabel("median gap on six-axis, %")
+        axes.set_ylabel("median gap on the other problems, %")
+        axes.set_title(f"Spearman's rank correlation {correlation:.2f}")
+        axes.grid(alpha=0.3)
+        axes.legend()
+        drawing.savefig(file)
+    return correlation
 
 
 if __name__ == "__main__":

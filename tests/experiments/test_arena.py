@@ -68,6 +68,14 @@ def test_problems_together_count_all_their_runs():
     assert made["failed"].to_dict() == {"a": 0, "b": 3}
 
 
+def test_an_order_that_carries_over_correlates(tmp_path):
+    same = {name: np.array([[gap] * 2]) for name, gap in (("a", 1e-4), ("b", 1e-3), ("c", np.nan))}
+    turned = dict(zip("cba", same.values(), strict=True))
+    first = arena.table(crowd(same))
+    assert arena.carried(first, first, tmp_path / "same.svg") == pytest.approx(1.0)
+    assert arena.carried(first, arena.table(crowd(turned)), tmp_path / "a.svg") == pytest.approx(-1)
+
+
 def test_a_failure_reaches_no_target():
     made = arena.table(crowd({"a": np.array([[np.nan, np.nan]]), "b": np.array([[1e-4, 1e-4]])}))
     assert made.loc["a", "failed"] == 2
