@@ -178,7 +178,7 @@ def _equation_costates(own: SmoothnessConstraints, times: Array) -> Array:
 
 
 def _constant_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
-    """Return `(y·c)²` over the largest Bernstein coefficient of `y'G y`; `y` is best at the centre."""
+    """Return `(y·c)²` over the largest Bernstein coefficient of `y'G y`, `y` best at the centre."""
     centre = corners.mean(axis=1)
     costates = _equation_costates(own, centre)
     at = lattice(own.segments, 2 * own.order - 1)
