@@ -122,7 +122,7 @@ def groups(gaps: Mapping[str, Sequence[float]]) -> dict[str, int]:
     return found
 
 
-def _ranked(gaps: Sequence[float]) -> Array:
+def _ranked(gaps: Sequence[float] | pd.Series[float]) -> Array:
     """Gaps as a rank test needs them: equal below 1e-9, where they are rounding, and finite."""
     return np.clip(gaps, 1e-9, 1e9)
 
@@ -146,8 +146,14 @@ def together(outcomes: Sequence[races.RaceResult]) -> races.RaceResult:
 
 
 def table(outcome: races.RaceResult) -> pd.DataFrame:
-    """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group."""
-    gaps = above_best(outcome).groupby(outcome.runs["label"])
+    """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group.
+
+    Of several problems the median gap on each is a column too, and the groups are of a run's rank
+    among all runs on its problem, as gaps of different problems do not compare.
+    """
+    label, problem = outcome.runs["label"], outcome.runs["problem"]
+    above = above_best(outcome)
+    gaps = above.groupby(label)
     costs = searches.running_times(outcome.histories, list(TARGETS.values()))
     rows: dict[str, Any] = {
         "runs": gaps.size(),
@@ -161,7 +167,12 @@ def table(outcome: races.RaceResult) -> pd.DataFrame:
         )
         if name == "0.1 %":
             rows["evaluations to 0.1 %"] = own["ert"]
-    found = groups({name: list(own) for name, own in gaps})
+    compared = above
+    if problem.nunique() > 1:
+        for name, own in above.groupby(problem):
+            rows[f"median gap, {name}"] = own.groupby(label).median()
+        compared = above.transform(_ranked).groupby(problem).rank()
+    found = groups({name: list(own) for name, own in compared.groupby(label)})
     rows["group"] = pd.Series(found, dtype=float).reindex(gaps.size().index)
     made = pd.DataFrame(rows).sort_values(["group", "median gap", "failed"])
     return made.rename_axis("optimiser")
@@ -177,7 +188,8 @@ def printed(tables: Mapping[int, pd.DataFrame]) -> pd.DataFrame:
             for name in TARGETS:
                 columns[f"within {name} {at}"] = own[f"within {name}"].map(_share)
             columns["evaluations to 0.1 %"] = own["evaluations to 0.1 %"].map(_count)
-        columns[f"median gap {at}"] = own["median gap"].map(_percent)
+        for name in own.columns[own.columns.str.startswith("median gap")]:
+            columns[f"{name} {at}"] = own[name].map(_percent)
         if own["group"].notna().any():
             columns[f"group {at}"] = own["group"].map(_count)
     made = pd.DataFrame(columns).loc[tables[largest].index]

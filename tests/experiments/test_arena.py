@@ -66,6 +66,15 @@ def test_problems_together_count_all_their_runs():
     assert made["runs"].to_dict() == {"a": 4, "b": 4}
     assert made["within 0.1 %"].to_dict() == {"a": 0.75, "b": 0.25}
     assert made["failed"].to_dict() == {"a": 0, "b": 3}
+    assert made.loc["a", "median gap, p1"] == pytest.approx(0.1, rel=1e-4)
+    assert "median gap, p1 at 100" in arena.printed({100: made})
+
+
+def test_groups_of_several_problems_compare_runs_of_one():
+    """On the second problem, whose gaps are larger, `a` is better; on the first both are equal."""
+    gaps = np.array([spread(1e-3), spread(1.0)])
+    made = arena.table(crowd({"a": gaps, "b": gaps * [[1.0], [2.0]], "c": gaps * 1.3}))
+    assert made["group"].to_dict() == {"a": 1, "b": 2, "c": 2}
 
 
 def test_an_order_that_carries_over_correlates(tmp_path):
