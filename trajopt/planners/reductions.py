@@ -35,7 +35,7 @@ class Reduction(ABC):
 
     @abstractmethod
     def apply(self, problem: Problem) -> Problem:
-        """Return the simpler problem."""
+        """Return the simpler problem; the problem itself where there is nothing to do."""
 
     @abstractmethod
     def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
@@ -71,9 +71,11 @@ class RestingJoints(Reduction):
         return not problem.moving.all()
 
     def apply(self, problem: Problem) -> Problem:
-        return problem.only(problem.moving)
+        return problem.only(problem.moving) if self.accepts(problem) else problem
 
     def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        if not self.accepts(problem):
+            return motion
         return motion.beside(problem.waypoints[0], problem.moving)
 
 

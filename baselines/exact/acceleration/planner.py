@@ -124,7 +124,7 @@ class Passing(Scaled):
         if passing is not None:
             self.by_segment = True
             inner = slice(1, None if self.closed else -1)
-            lows, highs = np.moveaxis(passing[inner][:, self.moving], -1, 0) / self.units[2]
+            lows, highs = np.moveaxis(passing[inner], -1, 0) / self.units[2]
             low, high = self.waypoint_v
             self.waypoint_v = np.array([np.maximum(low, lows), np.minimum(high, highs)])
 
@@ -140,8 +140,8 @@ class Passing(Scaled):
             return self.shifted(offset).trajectory(times, velocities)
         *_, q_unit = self.units
         ends = with_outer(states, self.end_v, self.closed)
-        starts = self.problem.waypoints[:-1, self.moving]
-        walls = self.problem.limits.position[self.moving].T
+        starts = self.problem.waypoints[:-1]
+        walls = self.problem.limits.position.T
         task = SegmentTask(
             times[:, None],
             self.h,

@@ -20,6 +20,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.passing import misses
 from trajopt.judging.verification import verify
+from trajopt.planners.reductions import RESTING_JOINTS
 
 MAX_ATTEMPTS = 4  # before the whole problem is solved
 # Excess over the relaxation's duration, relative. Below the first no further attempt is made, below
@@ -56,7 +57,10 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     best = None
     for _ in range(MAX_ATTEMPTS):
         thinned = problem.at(~missing)
-        solution = solve(thinned, _middles(problem, missing))
+        # a joint may move past those steps alone
+        middles = _middles(problem, missing)[:, thinned.moving]
+        solution = solve(RESTING_JOINTS.apply(thinned), middles)
+        solution = RESTING_JOINTS.invert(thinned, solution)
         if solution.trajectory is None:
             break
         motion = _timed(problem, solution.trajectory, ~missing)

@@ -92,7 +92,8 @@ class SeveralStarts(Planner):
         """Return `RELAXATION` if limits of joints that move are ignored."""
         if self.joins_segments(problem) or self.unknown_demands(problem):
             return Relation.RESTRICTION
-        return Relation.RELAXATION if self.unknown(SIMPLEST.apply(problem)) else Relation.SAME
+        ignores = self.unknown(problem) and self.unknown(SIMPLEST.apply(problem))
+        return Relation.RELAXATION if ignores else Relation.SAME
 
     def announce(self, planner: str, problem: Problem) -> None:
         """Log an estimate of the time that it will take, if that is long."""

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from baselines.exact.method.pieces import Pieces
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
@@ -22,10 +22,10 @@ _RETURNS = 3.0
 
 
 class Scaled:
-    """The moving joints without units: time in mean stop times, accelerations of order one.
+    """All joints without units: time in mean stop times, accelerations of order one.
 
     Args:
-        problem: its position limits are ignored.
+        problem: its joints all move; its position limits are ignored.
         jerk: whether jerk limits count.
 
     Attributes:
@@ -46,18 +46,17 @@ class Scaled:
 
     def __init__(self, problem: Problem, jerk: bool = True) -> None:
         known = problem.without("position") if jerk else problem.without("jerk", "position")
-        moving = problem.moving  # a joint may rest once waypoints of tiny steps are left out
         limits = known.limits
         rows = limits.segments or 1
-        velocity = _by_side(limits.velocity, moving, rows)
-        acceleration = _by_side(limits.acceleration, moving, rows)
-        jerks = np.abs(_by_side(limits.jerk, moving, rows))
+        velocity = _by_side(limits.velocity, rows)
+        acceleration = _by_side(limits.acceleration, rows)
+        jerks = np.abs(_by_side(limits.jerk, rows))
 
         # given times count as least times: their sum is the optimum, if any motion has these times
         least = problem.route.demand("least_times") + problem.route.demand("given_times")
         stop = np.maximum(stop_times(known), least)
         route = problem.route
-        end_v, end_a = np.stack([route.start, route.end], axis=1)[..., moving]
+        end_v, end_a = np.stack([route.start, route.end], axis=1)
         if not route.at_rest:
             slowest = np.abs(acceleration).min(axis=0).reshape(-1, len(end_v[0])).min(axis=0)
             stop[0] += (_RETURNS * np.abs(end_v[0]) / slowest).max()
@@ -70,7 +69,6 @@ class Scaled:
 
         self.problem = problem
         self.by_segment = limits.segments is not None
-        self.moving = moving
         self.unit = unit
         self.units = units
         self.stop = stop / unit
@@ -79,11 +77,11 @@ class Scaled:
         self.v = velocity / v_unit
         self.end_v = end_v / v_unit
         self.end_a = end_a / a_unit
-        self.h = problem.displacements[:, moving] / q_unit
+        self.h = problem.displacements / q_unit
         self.closed = bool(route.demand("closed"))
         self.least = least / unit
         tolerance = route.demand("tolerance")
-        self.tolerance = tolerance[1 : None if self.closed else -1, moving] / q_unit
+        self.tolerance = tolerance[1 : None if self.closed else -1] / q_unit
         # T ≥ h / V2 forwards, T ≥ h / (−V1) backwards
         self.shortest = (self.h / self.v).max(axis=(0, 2))
         self.waypoint_v = self._of_both_segments(self.v)
@@ -105,11 +103,11 @@ class Scaled:
             offset: without units, at the waypoints with a state, `(waypoints, joints)`.
         """
         waypoints = np.array(self.problem.waypoints)
-        waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
+        waypoints[1 : len(offset) + 1] += offset * self.units[-1]
         own = copy(self)
         own.problem = replace(self.problem.without("tolerance", "position"), waypoints=waypoints)
         own.tolerance = 0 * self.tolerance
-        own.h = own.problem.displacements[:, self.moving] / self.units[-1]
+        own.h = own.problem.displacements / self.units[-1]
         return own
 
     def velocities(self, times: Array, ends: Array) -> Array:
@@ -141,17 +139,15 @@ class Scaled:
         lengths = self.unit * pieces.lengths
         own = Pieces(lengths, a_unit * pieces.start, j_unit * pieces.jerk)
         cubics = own.integrated(v_unit * velocity)
-        waypoints = self.problem.waypoints
-        cubics[-1] += waypoints[:-1, self.moving]
+        cubics[-1] += self.problem.waypoints[:-1]
         coefficients = cubics if pieces.jerk.any() else cubics[1:]
         by_segment = coefficients.transpose(2, 0, 1, 3)
         seconds = lengths[..., 0].T
-        motion = Trajectory.of_segments(zip(seconds, by_segment, strict=True))
-        return motion.beside(waypoints[0], self.moving)
+        return Trajectory.of_segments(zip(seconds, by_segment, strict=True))
 
 
-def _by_side(pairs: Array, moving: Bools, rows: int) -> Array:
+def _by_side(pairs: Array, rows: int) -> Array:
     """Return limits, `(joints, 2)` or those of each segment, as `(2, rows, joints)`."""
-    sides = np.moveaxis(pairs[..., moving, :], -1, 0)
+    sides = np.moveaxis(pairs, -1, 0)
     joints = sides.shape[-1]
     return np.array(np.broadcast_to(sides.reshape(2, -1, joints), (2, rows, joints)))

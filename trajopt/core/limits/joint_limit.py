@@ -110,7 +110,13 @@ class JointLimit(Limit):
         return np.asarray(finite if finite.ndim == 1 else finite.any(axis=0))
 
     def only(self, joints: Array) -> Self:
-        return type(self)(self.pairs[..., joints, :])
+        pairs = self.pairs[..., joints, :]
+        if pairs.ndim == 3:  # segments may differ in other joints only
+            return type(self)(pairs)
+        part = object.__new__(type(self))  # what is right for all joints is right for some
+        pairs.setflags(write=False)
+        part.__dict__["pairs"] = pairs
+        return part
 
     def scaled(self, factors: Array) -> Self:
         return type(self)(factors[..., None] * self.pairs)
