@@ -36,7 +36,7 @@ class RobotOptions:
         robot: Robot of the waypoints; see `trajopt list`.
         urdf: URDF of the waypoints' robot: joint names, positions, velocities.
         limits: MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them.
-        unit: Units where a header has none, like deg,mm,ms: of waypoints, else of the motion.
+        unit: Units of waypoints (or of a motion) without a header, such as deg,mm,ms.
     """
 
     robot: str | None = None

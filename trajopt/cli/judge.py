@@ -52,7 +52,7 @@ def judge(
     motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
     via_tolerance: Annotated[
-        float, number("Rad by which any joint may miss a waypoint that counts as passed.", least=0)
+        float, number("How far each joint may miss a waypoint, rad (m).", least=0)
     ] = 0.0,
     noise: Noise = 0.0,
     window: Window = DEFAULT_WINDOW_S,

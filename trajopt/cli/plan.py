@@ -56,13 +56,13 @@ def plan(
         ),
     ] = None,
     rate: Annotated[
-        float | None, number("The same as cycles per second.", above=0, most=1e6, group=WRITING)
+        float | None, number("Control cycles per second.", above=0, most=1e6, group=WRITING)
     ] = None,
     points: Writing[Points | None] = None,
     form: Annotated[
         Form,
         Parameter(
-            name="--as", help="A message, or a FollowJointTrajectory goal of it.", group=WRITING
+            name="--as", help="A ROS message, or a FollowJointTrajectory goal.", group=WRITING
         ),
     ] = "message",
     json: Json = False,
@@ -76,7 +76,7 @@ def plan(
         planner: NAME or FILE.py:NAME, as `trajopt explain`; by default the best one.
         out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
         force: Overwrite the file of --out.
-        out_anyway: Write a motion that breaks a limit which no slow-down mends.
+        out_anyway: Write the motion even if it breaks a limit at any speed.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None

@@ -23,11 +23,9 @@ def prove(
     *,
     robot: RobotFlags = NO_FLAGS,
     family: Literal["free", "spline353"] = "free",
-    within: Annotated[
-        float, number("Relative distance of the two bounds at which to stop.")
-    ] = 1e-4,
+    within: Annotated[float, number("Relative gap of both bounds at which to stop.")] = 1e-4,
     time_limit: Annotated[
-        float, number("Seconds; the bounds reached are the answer.", most=MAX_SECONDS)
+        float, number("Seconds; then the bounds so far are the answer.", most=MAX_SECONDS)
     ] = 60.0,
     json: Json = False,
 ) -> int:

@@ -225,7 +225,8 @@ class _GivenTimes(_Times):
         for segment in np.flatnonzero(numbers == 0).tolist():
             raise InvalidInput(f"{self.key}, segment {segment + 1}", self._right, value=0.0)
         if "least_times" in demands:
-            raise InvalidInput(self.key, "it without least_times", value=numbers.tolist())
+            right = "given_times or least_times, not both"
+            raise InvalidInput(self.key, right, value=numbers.tolist())
 
 
 class _Closed(Demand):
@@ -245,10 +246,10 @@ class _Closed(Demand):
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         others = [key for key in (*END_STATES, "dwell") if key in demands]
         if others:
-            wrong = "a motion that waits is a problem from rest to rest"
+            reason = "a motion that waits begins and ends at rest"
             if others[0] != "dwell":
-                wrong = "the states at both ends are free, and the same"
-            raise InvalidInput(self.key, f"it without {others[0]}: {wrong}", value=True)
+                reason = "a closed motion begins and ends in the same state, which is free"
+            raise InvalidInput(self.key, f"no {others[0]} beside it: {reason}", value=True)
 
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
         apart = np.abs(waypoints[-1] - waypoints[0]) > 2 * rounding
@@ -301,7 +302,7 @@ class _WaypointTolerance(Demand):
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
         away = np.abs(waypoints - waypoints[0]) - numbers
         if (away <= rounding).all():
-            right = "less than the way: within it the motion never moves"
+            right = "less than the displacements: within it no motion is needed"
             raise InvalidInput(self.key, right, value=float(numbers.max()))
 
     def at(self, numbers: Array, kept: Bools) -> Array:

@@ -6,7 +6,7 @@ import re
 
 SCOPE = (
     "In scope: waypoints in a fixed order, passed exactly or within a tolerance, from rest to rest "
-    "or between states that are asked, with waits, least or given times, in loops, on any path "
+    "or between given states, with waits, least or given times, in loops, on any path "
     "between them; limits of velocity, acceleration, jerk and position per joint; motions as a "
     "controller executes them. Not in scope: obstacles, torques, tool speed, orientation."
 )

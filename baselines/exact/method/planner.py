@@ -131,10 +131,10 @@ class SeveralStarts(Planner):
         answer = scaled.trajectory(best.times, best.states)
         given = scaled.problem.route.demand("given_times").sum()
         if given and answer.duration > given * (1 + _GIVEN_RTOL):
-            found = (
-                f"none found in the given {given:.6g} s; in {answer.duration:.6g} s there is one"
+            message = (
+                f"no motion found in the given {given:.6g} s; the fastest one found, with no "
+                f"segment faster than given, takes {answer.duration:.6g} s"
             )
-            message = f"{found} that takes no segment faster"
             return Solution(Status.FAILED, message=message, stats=stats)
         ignored = [KINDS[key].name() for key in self.unknown(scaled.problem)]
         if not ignored:

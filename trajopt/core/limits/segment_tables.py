@@ -44,7 +44,7 @@ def read(value: Any, segments: int, joints: int) -> Pairs:
     seen = set()
     for table in value:
         if "position" in table:
-            right = "it left out: under [limits] a range is the same in every segment"
+            right = "no position in a segment: a range is the same in every segment"
             raise InvalidInput(f"{key}.position", right, value=table["position"])
         check_keys(f"{key}.", table, ("number", *NAMES), ("number",))
         number = table["number"]
