@@ -14,10 +14,10 @@ from trajopt.core.limits import KINDS
 from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
-AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
+AGREEMENT_RTOL = 1e-6  # durations of starts that differ by less, relative, count as equal
 ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
-LOOSE_PERCENT = 1.0  # percent of the duration; of a bound farther below fewer digits are said
-FAR_PERCENT = 10.0  # percent of the duration; a bound farther below leaves room for much
+LOOSE_PERCENT = 1.0  # percent of the duration; a bound farther below is printed with fewer digits
+FAR_PERCENT = 10.0  # percent of the duration; a bound farther below is called far
 
 ADD_JERK_LIMITS = (
     "without them acceleration jumps. Add jerk limits (rad/s³) to the problem file, or max_jerk "
@@ -91,7 +91,7 @@ def _quality(found: Best, duration: float) -> str:
 
 
 def _known(trial: Trial, less: float) -> str:
-    """Describe what the planner's starts tell; the bound lies `less` percent below the answer."""
+    """Describe how well the starts agree; the bound is `less` percent below the answer."""
     solution = trial.solution
     apart = solution.disagreement
     if apart is None:

@@ -189,7 +189,7 @@ def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
     if path.exists() and not force:
         right = "a file that is not there yet, or --force to overwrite it"
         raise InvalidInput(key, right, value=str(path))
-    # folders on the way are made when the file is written
+    # missing parent folders are made when the file is written
     nearest = path if path.exists() else next(p for p in path.absolute().parents if p.exists())
     needed = os.W_OK if nearest == path else os.W_OK | os.X_OK
     if nearest.is_dir() == (nearest == path) or not os.access(nearest, needed):
