@@ -1,6 +1,6 @@
 """Announce a planner that will take long, before it begins.
 
-The announcement is a warning of the logger `trajopt.sizes`, so that scripts can turn it off.
+As a warning of the logger `trajopt.sizes`, so that a script sees it and can turn it off.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ ANNOUNCED_SECONDS = 30.0
 
 
 def cells(problem: Problem) -> int:
-    """Return segments times joints that move; the time of most planners grows with it."""
+    """Segments times joints that move: what most planners' time grows with."""
     return problem.segments * int(problem.moving.sum())
 
 
 def described(problem: Problem) -> str:
-    """Return a problem's size in words."""
+    """A problem's size in words."""
     joints = int(problem.moving.sum())
     return f"{problem.segments + 1} waypoints and {joints} moving joints"
 
 
 def announce(planner: str, problem: Problem, seconds: float) -> None:
-    """Log an estimate of a planner's time, if it is long.
+    """Log about how long a planner will need, if that is long.
 
     Args:
         planner: The planner's registered name.
-        problem: The problem that it is about to solve.
-        seconds: The estimate, extrapolated from smaller problems, s.
+        problem: What it is about to solve.
+        seconds: What was measured on smaller problems, carried on.
     """
     if seconds > ANNOUNCED_SECONDS:
         import logging  # late: planners that are only listed need none of it

@@ -34,21 +34,21 @@ from trajopt.planners.rest_to_rest import stop_times
 Knots = Literal["uniform", "chord", "centripetal", "limit"]
 Ends = Literal["not-a-knot", "natural", "clamped"]
 
-# Points of each grid interval, as shares, at which the acceleration limits are imposed.
+# Places in each grid interval at which the acceleration limits count.
 _NODES = (0.0, 0.5, 1.0)
-# A path stands still where `q'(s)` is smaller, relative to the limit at the shortest duration.
+# A path stands still below this path velocity, relative to the limit at the cheapest duration.
 _STILL_RTOL = 1e-9
-# Least number of gridpoints of a short piece, relative to an even share of all gridpoints.
+# Gridpoints of a short piece, relative to an even share of all gridpoints.
 _SHORT_PIECE_SHARE = 0.25
-# Pieces shorter than this, relative to the whole path, are a single step.
+# Shorter pieces are a single step, relative to the whole path.
 _INDIVISIBLE_RTOL = 1e-6
-# Coefficients of a piece smaller than this, relative to the largest one, count as 0.
+# Smaller coefficients of a piece count as 0, relative to the largest one.
 _STRAIGHT_RTOL = 1e-9
-# Number of samples of each piece in its own timing.
+# Samples of each piece's own timing.
 _SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
-# Pieces shorter than this, relative to the whole path, are left out.
+# Shorter pieces are left out, relative to the whole path.
 _BREAK_RTOL = 1e-8
-# Factor on the limits if rounding makes a path infeasible whose only timing is exactly at them.
+# Factor on the limits if rounding makes a path infeasible whose only timing is at its limits.
 _WIDER = 1 + 1e-6
 # First step of the search for knots, of the logarithm of a segment's share.
 _KNOT_STEP = 0.3
@@ -63,9 +63,9 @@ class ToppRa(Planner):
     - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
       by its square root, or by the time from stop to stop;
     - `ends`: the spline's end rule;
-    - `gridpoints`: approximate number of intervals into which the path is cut;
-    - `search`: number of further splines, for which Nelder and Mead's simplex method moves the
-      knots of the best one.
+    - `gridpoints`: about how many intervals the path is cut into;
+    - `search`: number of splines more, for which Nelder and Mead's simplex moves the knots of the
+      best one.
 
     `"best"` tries all rules and keeps the shortest certified duration.
     """
@@ -206,7 +206,7 @@ def along(problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000) -
 def sampled_dilation(limits: Limits, path: Trajectory) -> float:
     """Return the cheapest uniform dilation of a path's own timing at `_SAMPLES` of each piece.
 
-    It is used as a unit only, so missing a peak between the samples does no harm.
+    It serves as a unit: a peak between the samples makes other numbers a little larger.
     """
     lengths = np.diff(path.breaks)
     unit = polynomials.stretched(path.coefficients, lengths)
@@ -228,7 +228,7 @@ def _along(
     """Time the path on one grid; `scale` is about the dilation that its own timing needs."""
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
-    unit = scale * trajectory.duration / gridpoints  # unit of time, s
+    unit = scale * trajectory.duration / gridpoints  # of time, s
     own_limits = Limits(
         velocity=limits.velocity * unit * wider, acceleration=limits.acceleration * unit**2 * wider
     )
@@ -287,7 +287,7 @@ def _straightened(path: Trajectory) -> Trajectory:
     if len(powers) != 1 or powers[0] < 3:
         return path
 
-    # the line has the slope at the curve's end, m d s^(m−1), so it is m times shorter
+    # the line's slope is the curve's where it ends, m d s^(m−1), so it is m times as short
     m = int(powers[0])
     coefficients = np.array(path.coefficients)
     d = coefficients[-1 - m, 0]
@@ -298,7 +298,7 @@ def _straightened(path: Trajectory) -> Trajectory:
     later = path.breaks[1:] - saved
     breaks = np.r_[0.0, later]
 
-    # a waypoint on the line is where the curve reaches it; later ones move by the same amount
+    # waypoints on the line where the curve reaches them, those after it as much earlier
     waypoints = path.waypoint_times
     on_curve = (waypoints / length) ** m
     inside = length / m * on_curve

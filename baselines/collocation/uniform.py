@@ -44,7 +44,7 @@ _OPTIONS: Options = {
     "bound_relax_factor": 0.0,
     "max_iter": 3000,
 }
-# Free nodes start near the optimum: a small initial barrier keeps them there.
+# Free nodes start near the optimum: a small barrier from the beginning keeps them there.
 _WARM_OPTIONS: Options = {
     **_OPTIONS,
     "tol": 1e-8,
@@ -59,11 +59,11 @@ _SECONDS_PER_INTERVAL = 2e-3
 _TOUCH_DISTANCE = 1e-9
 # Shortest free interval, relative to equal intervals of the shortest segment time.
 _SHORTEST_SHARE = 1e-3
-# Weight, in the objective, of the mean squared change of free intervals from their initial lengths.
-# It makes the solution unique where several lengths give one motion.
+# Weight of the mean squared drift of free intervals from their start, in the objective. Where
+# several lengths give one motion, IPOPT would wander among them.
 _DRIFT_WEIGHT = 1e-4
-# Longest motion, relative to the time of stopping at every waypoint; and the largest dilation of
-# that time with falling velocity limits.
+# Longest motion, relative to the time of stopping at every waypoint; and how much slower stopping
+# may be where velocity limits fall.
 _LONGEST = 1.5
 _SLOWEST = 1e3
 
@@ -185,7 +185,7 @@ class CollocationGrid:
         return 0.0 if own is None else min(own.worst(motion).value, _SLOWEST)
 
     def stopping(self) -> Nodes:
-        """Return the initial guess: stops at every waypoint, in at least twice the stop times."""
+        """Return IPOPT's start: stopping at every waypoint, in twice the stop times or more."""
         times = 2 * self.slower * self.stop
         return self.cubics(times, np.zeros_like(self.waypoints[1:-1]))
 
@@ -252,7 +252,7 @@ class CollocationGrid:
     def velocity_bounds(self) -> list[Array]:
         """Return the lowest and highest velocity of every interval, `(intervals, joints)` each.
 
-        A joint that may only move away from an end of its range has no velocity towards it.
+        A joint that only may leave the end of its range does not move towards it.
         """
         low, high = self.of_intervals(self.velocity)
         up, down = self.falling.leaving(self.intervals)
@@ -266,7 +266,7 @@ class CollocationGrid:
     def falling_bounds(self) -> list[Array]:
         """Return the highest values of `falling.excess`, `(intervals, joints)` each.
 
-        First those of the first coefficient of an interval for both sides, then of the others.
+        Of both sides' first coefficients of an interval, then of both sides' others.
         """
         shape = (2, len(self.stop) * self.intervals, len(self.scale))
         highest = np.zeros(shape)
@@ -526,8 +526,8 @@ class Transcription:
     def _bounds(self, grid: CollocationGrid) -> tuple[Nodes, Nodes]:
         """Return lower and upper bounds of all variables.
 
-        The least time of a segment is that of its displacement at top speed. At waypoints, and
-        where the motion rests, both bounds of a state are equal.
+        No segment is shorter than its displacement at top speed. At waypoints, and where the motion
+        rests, both bounds of a state are equal.
         """
         h = np.diff(grid.waypoints, axis=0)
         shortest = np.maximum(h / grid.velocity[1], h / grid.velocity[0]).max(axis=1)
@@ -553,12 +553,12 @@ class Transcription:
 
 
 def _by_side(pairs: Array) -> Array:
-    """Return limits `(…, joints, 2)` as `(2, segments or 1, joints)`."""
+    """Limits `(…, joints, 2)` as `(2, segments or 1, joints)`."""
     return np.moveaxis(pairs, -1, 0).reshape(2, -1, pairs.shape[-2])
 
 
 def _at_nodes(of_intervals: Array, side: int) -> Array:
-    """Return the tighter limits, low or high, of the intervals on both sides of each node."""
+    """The tighter of the limits of the intervals on both sides of each node, low or high."""
     tighter = np.minimum if side else np.maximum
     before = np.concatenate([of_intervals[:1], of_intervals])
     after = np.concatenate([of_intervals, of_intervals[-1:]])

@@ -7,9 +7,9 @@
 In reading order:
 
 - `planner.py`: the registered planner `smooth`;
-- `least.py`: the smoothest motion of a duration, the shortest of a smoothness, within all limits;
+- `least.py`: the smoothest motion of a duration, the shortest of a smoothness, all limits kept;
 - `spline_program.py`: the program that IPOPT solves;
-- `curve.py`: the front, with a proved lower bound at each of its points;
+- `curve.py`: the front, with what is proved below it;
 - `bound.py`: the search for a proof, over all segment times;
 - `dual.py`: the lower bound of a simplex of segment times.
 """

@@ -1,4 +1,4 @@
-"""The program for IPOPT whose variables are a spline's nodes and segment times.
+"""The program of a spline's nodes and segment times, for IPOPT.
 
 Each segment is cut into pieces. A joint's position and velocity at the nodes and the Bernstein
 coefficients of its acceleration are variables, and so are the segment times. Pieces are quintic; or
@@ -30,16 +30,15 @@ _WARM_OPTIONS: Options = {**_OPTIONS, "mu_init": 1e-4, "bound_push": 1e-5, "boun
 
 
 class ProgramShape(NamedTuple):
-    """The structure of a program; all numbers are its parameters.
+    """What a program is built for; its numbers are parameters.
 
     Attributes:
-        pieces: Number of pieces of each segment.
-        joints: Number of joints that move.
-        order: Order of the derivative whose square is integrated: 3 for jerk, 2 for acceleration.
-        quintic: Whether pieces are quintic, so that acceleration is continuous; else cubic.
+        pieces: Of each segment.
+        joints: That move.
+        order: Of the derivative whose square is integrated: 3 for jerk, 2 for acceleration.
+        quintic: Whether acceleration is continuous, by quintic pieces; else pieces are cubic.
         limits: The orders of the derivatives that are limited between nodes.
-        budget: Whether the duration is minimised with a limit on the integral, or the integral for
-            a given duration.
+        budget: Whether the integral is limited and the duration minimised; else the other way.
         warm: Whether the start is near the optimum.
     """
 
@@ -80,8 +79,7 @@ def hermite(states: Sequence[Array], lengths: Array) -> list[Array]:
 def integrated(q: Any, v: Any, acceleration: Sequence[Any], lengths: Any) -> list[list[Any]]:
     """Return the Bernstein coefficients of position, velocity, acceleration and jerk.
 
-    They are summed from the acceleration: differences of positions would lose the digits of short
-    pieces.
+    Sums of what is small: differences of positions would lose the digits of short pieces.
 
     Args:
         q: Position where each piece starts, `(pieces, joints)`: an array or CasADi's symbol.

@@ -172,8 +172,18 @@ def test_with_jerk_limits_wider_never_takes_longer():
         assert certificate.feasible
         found.append(certificate.certified_duration)
     assert np.diff(found).max() <= 1e-9
-    beside = Problem(WAYPOINTS, limits, tolerance=0.1, start_velocity=[0.1, 0.0])
-    assert ExactJerk().unsupported(beside).endswith("a tolerance beside start velocity")
+
+
+def test_with_jerk_limits_a_tolerance_counts_beside_moving_ends():
+    limits = Limits([1.0], [2.0], [8.0])
+    moving = {"start_velocity": [-0.3], "end_velocity": [-0.4], "end_acceleration": [0.5]}
+    within = Problem([[0.0], [1.0], [0.0]], limits, tolerance=0.15, **moving)
+    exactly = Problem([[0.0], [0.85], [0.0]], limits, **moving)
+    durations = []
+    for problem in (within, exactly):
+        motion = ExactJerk().solve(problem).trajectory
+        durations.append(verify(within, motion).certified_duration)
+    assert durations[0] == pytest.approx(durations[1], rel=1e-9)
 
 
 def slow_between(tolerance):
@@ -204,6 +214,42 @@ def test_at_one_instant_the_segment_between_still_limits_velocity(tolerance, opt
     certificate = verify(problem, replace(free, waypoint_times=times))
     assert certificate.dilation == pytest.approx(2 * np.sqrt(2), rel=1e-9)
     assert certificate.uses["velocity"].time == pytest.approx(np.sqrt(2), rel=1e-9)
+
+
+def test_with_jerk_limits_velocity_at_one_instant_is_that_of_the_segment_between():
+    velocity = np.array([[[-9.0, 9.0]], [[-0.5, 0.5]], [[-9.0, 9.0]]])
+    limits = Limits(velocity, [1.0], [10.0])
+    waypoints = [[0.0], [1.0], [1.05], [2.0]]
+    tolerance = np.reshape([0.0, 0.0, 0.1, 0.0], (4, 1))
+    problem = Problem(waypoints, limits, tolerance=tolerance)
+    motion = ExactJerk().solve(problem).trajectory
+    # twice what Ruckig takes from rest to the middle, 0.5 rad/s there and no acceleration
+    half = Problem([[0.0], [1.0]], Limits([9.0], [1.0], [10.0]), end_velocity=[0.5])
+    expected = 2 * RuckigStop().solve(half).trajectory.duration
+    assert np.diff(motion.waypoint_times)[1] == 0
+    assert verify(problem, motion).certified_duration == pytest.approx(expected, rel=1e-9)
+
+
+def test_with_jerk_limits_acceleration_at_one_instant_is_that_of_the_segment_between():
+    waypoints = [[0.0], [0.2], [0.25], [2.0]]
+    tolerance = np.reshape([0.0, 0.0, 0.1, 0.0], (4, 1))
+    acceleration = np.array([[[-1.0, 1.0]], [[-0.3, 0.3]], [[-1.0, 1.0]]])
+    limits = Limits([9.0], acceleration, [10.0])
+    problem = Problem(waypoints, limits, tolerance=tolerance)
+    motion = ExactJerk().solve(problem).trajectory
+    assert np.diff(motion.waypoint_times)[1] == 0
+    certificate = verify(problem, motion)
+    assert certificate.dilation == pytest.approx(1.0, rel=1e-9)
+    assert motion(motion.waypoint_times[1], 2)[0] == pytest.approx(0.3, rel=1e-6)
+    # without the segment, at the limit of the others: the judge slows it down that much
+    free = Problem([[0.0], [0.2], [2.0]], Limits([9.0], [1.0], [10.0]))
+    fast = ExactJerk().solve(free).trajectory
+    fast = replace(fast, waypoint_times=fast.waypoint_times[[0, 1, 1, 2]])
+    assert verify(problem, fast).dilation == pytest.approx(np.sqrt(1 / 0.3), rel=1e-6)
+    # where acceleration may jump, an instant is no time for it to be too large
+    jumping = replace(problem, limits=limits.without("jerk"))
+    certificate = verify(jumping, Exact().solve(jumping).trajectory)
+    assert certificate.certified_duration == pytest.approx(2 * np.sqrt(2), rel=1e-9)
 
 
 def test_a_segment_between_equal_waypoints_limits_nothing():

@@ -37,9 +37,9 @@ from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
-# Two positions count as equal within this, relative to the largest coordinate, at least 1 rad.
+# Two positions are equal to this, relative to the largest coordinate, or to 1 rad if that is more.
 _SAME_RTOL = 1e-9
-# A record replaces the computed optimum if it is shorter by more than this, relative.
+# A record counts where it is shorter than the computed optimum by more than this.
 _RECORDED_RTOL = 1e-6
 # Instants per segment: two piecewise quintics that agree there agree everywhere.
 _SAMPLES = 50
@@ -127,11 +127,11 @@ def explain(
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
     Args:
-        problem: The problem that the motion solves.
-        planner: The planner; None for a motion that cannot be planned again.
-        trajectory: The planner's motion.
-        recorded: The best known motion, as a reference's answer; its reason states its origin. It
-            replaces the optimum if it is shorter than the references' answers.
+        problem: That it solves.
+        planner: None for a motion that nobody can plan again.
+        trajectory: The planner's.
+        recorded: The best known motion, as a reference's answer; its reason says where it comes
+            from. It is the optimum where it is shorter than what the references find now.
 
     Raises:
         TrajoptError: `trajectory` has no certified duration.
@@ -166,7 +166,7 @@ def explain(
 def _solver(
     planner: Planner | None, problem: Problem, own: Trajectory
 ) -> tuple[Planner | None, str]:
-    """Return a solver for relaxed limits. A swarm is replaced: its scatter exceeds the savings."""
+    """Who solves it again with relaxed limits; a swarm's scatter would drown the saving."""
     if planner is None:
         return None, "this trajectory, dilated less"
     if not planner.stochastic:
@@ -179,7 +179,7 @@ def _solver(
 def _gaps(
     problem: Problem, trajectory: Trajectory, optimum: ReferenceAnswer
 ) -> tuple[dict[str, float | None], dict[str, str]]:
-    """Return every gap by name; None, with a note, where it does not apply."""
+    """Every gap by name, None with a note where it does not apply."""
     own = ReferenceAnswer(trajectory)
     retimed = _retimed(problem, trajectory)
     best = _best_spline(problem, trajectory)
@@ -205,7 +205,7 @@ def _gaps(
 
 
 def _optimum(problem: Problem) -> ReferenceAnswer:
-    """Return the first reference answer that keeps all limits, also those its planner ignores."""
+    """The first reference that keeps all limits; `exact` does so also where it ignores some."""
     reason = ""
     for name in references(problem):
         answer = asked(name, problem)
@@ -216,14 +216,14 @@ def _optimum(problem: Problem) -> ReferenceAnswer:
 
 
 def _shorter(own: Trajectory, answer: ReferenceAnswer) -> ReferenceAnswer:
-    """Return the trajectory if it is not longer than the answer, else the answer."""
+    """The shorter of two answers to one question; a missing one stays missing."""
     if answer.duration is not None and own.duration <= answer.duration:
         return ReferenceAnswer(own)
     return answer
 
 
 def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
-    """Return the best timing of the trajectory's own path: TOPP-RA's, or its own if shorter."""
+    """The best timing of the trajectory's own path; its own timing is one, whatever the grid."""
     try:
         planner = load(PATH_TIMING)
         reason = planner.unsupported(problem)
@@ -236,7 +236,7 @@ def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
 
 
 def _best_spline(problem: Problem, own: Trajectory) -> ReferenceAnswer:
-    """Return the best 3-5-3 with shared times, if the trajectory is such a spline."""
+    """The best 3-5-3 with shared times, if the trajectory is one."""
     if not _is_spline353(problem, own):
         return ReferenceAnswer(None, "not a 3-5-3 spline with segment times shared by all joints")
     return _shorter(own, asked(BEST_353, problem))
@@ -258,7 +258,7 @@ def _is_spline353(problem: Problem, own: Trajectory) -> bool:
 
 
 def _as_smooth(problem: Problem, spline: ReferenceAnswer) -> ReferenceAnswer:
-    """Return the optimum with each joint's peak jerk in this spline as its jerk limit."""
+    """The optimum when every joint's jerk may be what it is at most in this spline."""
     if spline.trajectory is None:
         return spline
     equal = under_peak_jerk(problem, peaks(spline.trajectory, order=3))
@@ -266,7 +266,7 @@ def _as_smooth(problem: Problem, spline: ReferenceAnswer) -> ReferenceAnswer:
 
 
 def peaks(trajectory: Trajectory, order: int) -> Array:
-    """Return the exact largest absolute value of a derivative, rad/s^order, `(joints,)`."""
+    """The exact largest absolute value of a derivative, `(joints,)`, in rad/s^order."""
     unit = trajectory.pieces(order)
     flat = unit.reshape(len(unit), -1)
     at = polynomials.critical_points(flat)

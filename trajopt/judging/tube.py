@@ -1,18 +1,17 @@
-"""Find the motion of one joint within a tube of positions that uses the least of its limits.
+"""Does a motion within a tube of positions keep its limits? One joint, one linear program.
 
 The joint is known to be within `half` of its positions at given times. The unknown is a spline of
-degree r, the order of the highest limit. A linear program chooses its B-spline coefficients:
+degree r, the order of the highest limit, with B-spline coefficients in
 
     min s   with   |q(t_i) − q_i| ≤ d_i,   s low_k ≤ each coefficient of q⁽ᵏ⁾ ≤ s high_k
 
-Logged velocities are further conditions |q′(y_l) − v_l| ≤ e_l. Velocity limits may depend on the
-time; a coefficient's limit is then that at its Greville point.
+Velocities that were logged are further conditions |q′(y_l) − v_l| ≤ e_l, and the velocity's limits
+may depend on the time: a coefficient's is that at its Greville point.
 
-A derivative stays within the range of its coefficients. Those of the two highest derivatives are
-values at knots. So the spline is a motion that uses the share `high` = s of its limits. The
-program's multipliers prove that every motion uses at least the share `low`
-(`trajopt.judging.tube_proof`). The two differ where the best motion has a switching time within a
-piece. More knots there close this gap.
+Coefficients bound a derivative, and those of the two highest ones are its values at knots. So the
+spline is a motion that uses `high` = s of its limits. The program's multipliers prove that every
+motion uses at least `low` of them (`trajopt.judging.tube_proof`). The two differ where the best
+motion switches within a piece: knots there close the gap.
 """
 
 from __future__ import annotations
@@ -36,13 +35,13 @@ Rates = Callable[[Array], tuple[Array, Array]]
 BROKEN_RTOL = 1e-9
 """A bound above 1 + this share counts as a proof that a limit is broken."""
 
-_MAX_ITERATIONS = 90  # interior-point iterations
+_MAX_ITERATIONS = 90  # of the interior-point method
 _MAX_SHORT_STEPS = 3
-_GAP_RTOL = 1e-7  # complementarity gap of the interior-point method, relative to s
-_MAX_ROUNDS = 8  # rounds of adding knots
+_GAP_RTOL = 1e-7  # of the interior-point method, relative to s
+_MAX_ROUNDS = 8  # of knots added
 _ROUNDS_RTOL = 1e-6  # gap between low and high that ends the rounds
-_NEAREST_SHARE = 0.02  # least distance of knots, relative to the shortest step between samples
-_TUBE_RTOL = 1e-9  # excess over the tube that is allowed beside rounding, relative to a half width
+_NEAREST_SHARE = 0.02  # of the shortest step between samples: knots are no nearer
+_TUBE_RTOL = 1e-9  # of a half width, by which a solution may leave the tube, beside rounding
 _SUPPORT_SHARES = (0.0, 1e-8, 1e-5)  # smaller multipliers at the ends of a proof are left out
 
 
@@ -52,10 +51,10 @@ class TubeAnswer:
 
     Attributes:
         low: Every motion within the tube uses at least this share of the limits.
-        high: Share that the motion found uses; infinite where none was found.
-        degree: Degree r of the motion.
+        high: The motion uses this share; infinite where none was found.
+        degree: Of the motion: r.
         knots, coefficients: The motion as a B-spline, rad and s.
-        proof: The proof of `low`; None where it is 0.
+        proof: Of `low`; None where it is 0.
     """
 
     low: float
@@ -66,14 +65,14 @@ class TubeAnswer:
     proof: TubeProof | None
 
     def spline(self) -> BSpline:
-        """Return the motion as SciPy's B-spline."""
+        """The motion as SciPy's B-spline."""
         from scipy.interpolate import BSpline
 
         return BSpline(self.knots, self.coefficients, self.degree)
 
     @property
     def span(self) -> tuple[float, float]:
-        """Return the first and the last time, s, whose samples the proof of `low` uses."""
+        """The times, s, between which the proof of `low` lives."""
         times = self.knots if self.proof is None else self.proof.times
         return float(times[0]), float(times[-1])
 
@@ -102,10 +101,10 @@ def tube(
         limits: Of the derivatives of order 1 to r = 2 or 3, `(low, high)`, low < 0 < high; the
             last is finite, the others may be infinite.
         rest: Whether derivatives below order r are zero at both ends.
-        rounds: Largest number of rounds of adding knots. They end when `low` and `high` are on the
-            same side of 1, or equal.
-        readings: Logged velocities.
-        rates: Velocity limits that depend on the time.
+        rounds: How often knots are added at most. The rounds end when both numbers are on the same
+            side of 1, or equal.
+        readings: Velocities that are known too.
+        rates: The velocity's limits where they depend on the time.
     """
     at_ends = np.isin(readings.times, times[[0, -1]])
     if rest and at_ends.any():
@@ -141,7 +140,7 @@ def tube(
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The arguments of `tube`."""
+    """What `tube` is given."""
 
     times: Array
     positions: Array
@@ -152,7 +151,7 @@ class _Program:
     rates: Rates | None
 
     def bounds(self, order: int, points: Array) -> tuple[Array, Array]:
-        """Return the limits of a derivative at some times, low and high; order 1 is velocity."""
+        """The limits of a derivative at points, low and high; order 1 is the velocity."""
         if order == 1 and self.rates is not None:
             return self.rates(points)
         low, high = self.limits[order - 1]
@@ -168,7 +167,7 @@ def slope(times: Array, positions: Array, half: Array, limit: Limit) -> tuple[fl
     low, high = limit
     share, where = 0.0, (0, len(times) - 1)
     while True:
-        # The pairs of samples that need the steepest rise and the steepest fall.
+        # The earlier sample that limits each later one most, upwards and downwards.
         found = [
             _steepest(times, positions - half, positions + half, share * high, high),
             _steepest(times, -positions - half, -positions + half, -share * low, -low),
@@ -182,7 +181,7 @@ def slope(times: Array, positions: Array, half: Array, limit: Limit) -> tuple[fl
 def _steepest(
     times: Array, lowest: Array, highest: Array, rate: float, limit: float
 ) -> tuple[float, tuple[int, int]]:
-    """Return the pair of samples that exceeds a rate most: its share of the limit, its indices."""
+    """The rise that a rate allows least: its share of the limit, and the two samples."""
     start = highest - rate * times
     earlier = np.minimum.accumulate(start)
     later = int(np.argmax(lowest[1:] - rate * times[1:] - earlier[:-1])) + 1
@@ -192,10 +191,10 @@ def _steepest(
 
 
 def _resolved(program: _Program) -> Array:
-    """Return the first knots: at samples, but no closer than the tube's width resolves.
+    """Knots at samples, no nearer than the tube can tell apart; perhaps between them.
 
-    Where samples are far apart there are knots in the middle too, if acceleration is the highest
-    limit or velocities were logged.
+    Between samples where acceleration is the highest limit, or where velocities are known too, as
+    they are one more condition a sample.
     """
     times, readings, limits = program.times, program.readings, program.limits
     r = len(limits)
@@ -218,7 +217,7 @@ def _resolved(program: _Program) -> Array:
 
 
 def _solved(program: _Program, breaks: Array) -> TubeAnswer:
-    """Return the answer of the program with these knots."""
+    """Solve the program for these knots."""
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_array, vstack
 
@@ -248,7 +247,7 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
         shape = (len(column), column[-1] + 1)
         ones = np.ones(len(column))
         matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
-    filled = np.diff(matrix.indptr) > 0  # equal coefficients have an empty row of differences
+    filled = np.diff(matrix.indptr) > 0  # coefficients that are equal have no difference
     rows = _Rows(matrix[filled])
     upper, lower = np.concatenate(up)[filled], np.concatenate(down)[filled]
     limited = upper > 0
@@ -256,7 +255,7 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
         return TubeAnswer(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     right = np.zeros((2, len(upper)))
     right[:, :count] = 1 + known, 1 - known
-    # The initial guess is a least-squares fit to the positions with small derivatives.
+    # The initial guess follows the positions, and bends little.
     try:
         x = rows.fitted(count, known, np.where(limited, 1e-6, 1.0))
     except (np.linalg.LinAlgError, ValueError):  # beyond the range of floats
@@ -293,10 +292,7 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
 
 
 def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
-    """Return the best bound: of the whole proof, or of its part with the large multipliers.
-
-    The part has smaller rounding errors.
-    """
+    """The best bound of a proof or of its part with large multipliers, which rounds less."""
     best: tuple[float, TubeProof | None] = (0.0, None)
     readings = whole.readings
     known = np.concatenate([whole.times, readings.times])
@@ -343,7 +339,7 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
 
 
 def _levels(knots: Array, degree: int) -> list[tuple[Any, Array]]:
-    """Return, for each derivative, the matrix of its coefficients and their Greville points."""
+    """The matrix to each derivative's coefficients, and these coefficients' Greville points."""
     from scipy.sparse import csr_array
 
     matrix, found = None, []
@@ -371,7 +367,7 @@ class _Rows:
 
     Attributes:
         matrix: M.
-        sizes: Absolute values of its entries.
+        sizes: Its absolute values.
     """
 
     def __init__(self, matrix: Any) -> None:
@@ -397,22 +393,22 @@ class _Rows:
                 self._products.append((i, j, (dense[i] * dense[j])[self._order]))
 
     def forth(self, x: Array) -> Array:
-        """Return `[M; −M] x`."""
+        """`[M; −M] x`."""
         found = self.matrix @ x
         return np.concatenate([found, -found])
 
     def back(self, y: Array) -> Array:
-        """Return `[M; −M]ᵀ y`."""
+        """`[M; −M]ᵀ y`."""
         half = len(y) // 2
         found: Array = self._turned @ (y[:half] - y[half:])
         return found
 
     def rounding(self, x: Array) -> float:
-        """Return the allowed error of a row of `M x`: its rounding and `_TUBE_RTOL`."""
+        """By how much a row of `M x` may be rounded, and a little more."""
         return _TUBE_RTOL + 1e-15 * float((self.sizes @ np.abs(x)).max())
 
     def fitted(self, count: int, values: Array, weights: Array) -> Array:
-        """Return the weighted least-squares solution of `M x = values` in the first rows."""
+        """The x whose first rows come near to values, by weighted least squares."""
         from scipy.linalg import cho_solve_banded, cholesky_banded
 
         factor = (cholesky_banded(self.normal(weights), lower=True), True)
@@ -420,7 +416,7 @@ class _Rows:
         return found
 
     def normal(self, weights: Array) -> Array:
-        """Return the lower band of `Mᵀ diag(weights) M`."""
+        """The lower band of `matrixᵀ diag(weights) matrix`."""
         own = weights[self._order]
         band = np.zeros((self._width, self._columns))
         for i, j, product in self._products:
@@ -430,7 +426,7 @@ class _Rows:
 
 
 def _dot(left: Array, right: Array) -> float:
-    """Return the inner product without BLAS, whose threads cost more than they save here."""
+    """The inner product, without BLAS: its threads cost more than they bring at these lengths."""
     return float((left * right).sum())
 
 
@@ -439,9 +435,9 @@ class _Newton:
     """The Newton equations of one iterate, factored.
 
     Attributes:
-        rows, u: The program, see `_interior_point`.
+        rows, u: Of the program.
         w, y: Slacks and multipliers, the upper sides before the lower ones.
-        primal, dual, dual_s: Residuals, the last one of the variable s.
+        primal, dual, dual_s: Residuals.
     """
 
     rows: _Rows
@@ -462,7 +458,7 @@ class _Newton:
 
     @cached_property
     def _border(self) -> tuple[Array, Array, float]:
-        """The column of s, its solution with the band, and the Schur complement of s."""
+        """The column of s, that column solved, and what is left in the corner."""
         from scipy.linalg import cho_solve_banded
 
         theta = self.y / self.w
@@ -471,7 +467,7 @@ class _Newton:
         return column, solved, _dot(column, solved) - _dot(theta, self.u**2)
 
     def direction(self, complement: Array) -> tuple[Array, float, Array, Array]:
-        """Return the steps of x, s, w and y for target products `w y`."""
+        """The steps of x, s, w and y that make the products w y these."""
         from scipy.linalg import cho_solve_banded
 
         column, solved, corner = self._border
@@ -519,6 +515,6 @@ def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, A
 
 
 def _longest(values: Array, steps: Array) -> float:
-    """Return the longest step, at most 1, that keeps every value from becoming negative."""
+    """The longest step, at most 1, that leaves no value negative."""
     falls = steps < 0
     return min(1.0, float(np.min(-values[falls] / steps[falls], initial=np.inf)))

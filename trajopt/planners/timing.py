@@ -1,12 +1,10 @@
-"""A spline as a function of its times alone: its duration and its violation of limits.
+"""A spline as a function of its times alone: how long it lasts, and by how much it breaks limits.
 
-There are two ways to combine both in one number, the fitness of a search (docs/mathematics.md,
-section 2):
+Two ways to make that one number, the fitness of a search (docs/mathematics.md, section 2):
 
-- `penalty`: the duration within the limits. Otherwise a number above every duration, which grows
-  with the violation (Deb's rule);
-- `scaled`: the duration after dilation to the limits. A dilation does not change positions, so
-  position limits are kept by Deb's rule.
+- `penalty`: the duration within the limits; above every duration else, by the violation (Deb);
+- `scaled`: the duration once dilated to the limits. No dilation mends a position, so position
+  limits are kept by Deb's rule alone.
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ class Timing(ABC):
     def uses(self, times: Array, exact_above: float = 0.0) -> Sequence[Array]:
         """Return peak velocity, acceleration (and jerk) over their limits, each `(N, joints)`.
 
-        A use of at most `exact_above` may be replaced by any other such number.
+        A use that stays at or below `exact_above` may be any other number that does.
         """
 
     @abstractmethod
@@ -65,23 +63,23 @@ class Timing(ABC):
 
     @property
     def ceiling(self) -> float:
-        """Return the longest duration in the box, s; a larger fitness means a broken limit."""
+        """The longest duration in the box, s: a fitness above it breaks a limit."""
         return float(added(np.full(self.variables, self.high)))
 
     @property
     def above_any(self) -> float:
-        """Return a number above every duration in the box, s."""
+        """Above every duration in the box."""
         return float(np.nextafter(self.ceiling, np.inf))
 
     def penalty(self, times: Array) -> Array:
-        """Return Deb's rule as one number, `(N,)`.
+        """Deb's rule as one number, `(N,)`.
 
-        It is the duration; with a violation of limits it is more than every duration in the box.
+        The duration; or more than every duration in the box, by the violation of the limits.
         """
         return self.penalty_beyond(times, self.outside(times))
 
     def penalty_beyond(self, times: Array, outside: Array | None) -> Array:
-        """Return `penalty` of candidates with this excess over position limits."""
+        """`penalty` of candidates that are this far `outside`."""
         excesses = [np.maximum(use - 1.0, 0.0) for use in self.uses(times, exact_above=1.0)]
         if outside is not None:
             excesses.append(outside)
@@ -90,11 +88,11 @@ class Timing(ABC):
         return np.where(excess > 0, beyond, added(times))
 
     def scaled(self, times: Array) -> Array:
-        """Return the duration after dilation; Deb's rule for position limits, `(N,)`."""
+        """The duration once dilated to the limits; Deb's rule for position limits, `(N,)`."""
         return self.scaled_beyond(times, self.outside(times))
 
     def scaled_beyond(self, times: Array, outside: Array | None) -> Array:
-        """Return `scaled` of candidates with this excess over position limits."""
+        """`scaled` of candidates that are this far `outside`."""
         duration = self.dilation(times) * added(times)
         if outside is None:
             return duration
@@ -115,11 +113,11 @@ class Timing(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FamilyTiming(Timing):
-    """A spline of any family; at given times it is the smoothest one of the family.
+    """A spline of any family: its freedoms beside the times are those that bend it least.
 
     Attributes:
         family: The degrees of its pieces, whose times are the variables.
-        problem: All its joints move, and its consecutive waypoints differ.
+        problem: Whose joints all move, and whose consecutive waypoints differ.
     """
 
     family: SplineFamily
@@ -132,10 +130,10 @@ class FamilyTiming(Timing):
         """Return the spline of a shape, such as "4-3-4", through a problem's waypoints.
 
         Args:
-            problem: All its joints move, and its consecutive waypoints differ.
-            shape: As for `spline_family.family`.
-            lower: Lower end of the box over its upper end.
-            upper: Upper end of the box over the longest time of a segment from rest to rest.
+            problem: Whose joints all move, and whose consecutive waypoints differ.
+            shape: As `spline_family.family` reads it.
+            lower: The box's lower end, over its upper one.
+            upper: Its upper end, over the longest stop-to-stop time of a segment.
 
         Raises:
             InvalidInput: The shape does not fit the problem.
@@ -184,12 +182,12 @@ class FamilyTiming(Timing):
         return Trajectory(breaks, pieces, breaks[ends])
 
     def _unit(self, times: Array) -> Array:
-        """Return all pieces on the unit interval, `(degree + 1, pieces · N, joints)`."""
+        """All candidates' pieces on the unit interval, `(degree + 1, pieces · N, joints)`."""
         controls = self.family.smoothest(self.problem.displacements, times)
         unit = self.family.powers(np.moveaxis(controls, 0, 1))
         return unit.reshape(len(unit), -1, unit.shape[-1])
 
     def _worst(self, of_pieces: Array) -> Array:
-        """Return the largest value over each candidate's pieces, `(N, joints)`."""
+        """The worst of each candidate's pieces: `(pieces · N, joints)` to `(N, joints)`."""
         by_piece = of_pieces.reshape(self.family.pieces, -1, of_pieces.shape[-1])
         return np.asarray(by_piece.max(axis=0))

@@ -1,9 +1,10 @@
-"""Merge neighbouring waypoints whose tolerances overlap.
+"""Waypoints within tolerance that one instant passes: problems in which these are one waypoint.
 
-A tolerance makes a box around each waypoint. Where the boxes of two neighbours overlap in every
-joint, the optimum may pass both at one instant. The segment's time is then 0, which its logarithm
-does not reach. So further problems are solved, in which such neighbours are one waypoint in the
-intersection of their boxes. The velocity limits of the segment between them still count there.
+Where the boxes around neighbouring waypoints overlap in every joint, the optimum may pass both at
+one instant, which the logarithm of the segment's time does not reach. So problems are solved also
+in which such neighbours are one waypoint, in the intersection of their boxes. The limits of the
+segment between them still count there, of what may not jump: velocity, and acceleration where jerk
+is limited.
 """
 
 from __future__ import annotations
@@ -16,28 +17,28 @@ import numpy as np
 
 from baselines.exact.method.planner import SeveralStarts
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.end_states import impossible
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits.joint_limit import UNLIMITED
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
-from trajopt.core.trajectory import Trajectory
 
-# Up to this many pairs of neighbours are also merged one pair at a time.
+# Pairs of neighbours that are tried one by one, beside all together and none.
 MAX_PAIRS = 8
-FEW_STARTS = 2  # initial guesses for each problem, where there are several
-_LIMIT_RTOL = 1e-9  # a smaller excess over a limit is rounding
+FEW_STARTS = 2  # of each of several problems
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
+Solve = Callable[[Problem, Array | None, PlannerT, bool], Solution]
 
 
 class Merged(NamedTuple):
-    """A problem in which some neighbouring waypoints are merged.
+    """A problem with some waypoints in one.
 
     Attributes:
-        problem: The problem with fewer waypoints.
-        places: Index of each original waypoint among these, `(waypoints,)`.
-        passing: Velocity limits at the waypoints, from the segments that were removed, rad/s,
-            `(waypoints, joints, 2)`; None where all segments have the same limits.
+        problem: Through one waypoint where neighbours are one.
+        places: Where each waypoint went, `(waypoints,)`.
+        passing: Limits of velocity and acceleration at the waypoints, those of the segments that
+            are left out, as `Scaled` takes them; None where all segments have the same.
     """
 
     problem: Problem
@@ -46,7 +47,7 @@ class Merged(NamedTuple):
 
 
 def merged(problem: Problem) -> Iterator[Merged]:
-    """Yield the problem itself, then the problems with merged neighbours."""
+    """Yield the problem itself, then those with neighbours in one."""
     count = len(problem.waypoints)
     yield Merged(problem, np.arange(count), None)
     pairs = np.flatnonzero(_overlapping(problem))
@@ -59,46 +60,28 @@ def merged(problem: Problem) -> Iterator[Merged]:
             yield found
 
 
-def best(
-    planner: PlannerT,
-    problem: Problem,
-    solve: Callable[[Problem, Array | None, PlannerT], Solution],
-) -> Solution:
-    """Return the shortest answer to the problem and to those with merged neighbours.
+def best(planner: PlannerT, problem: Problem, solve: Solve[PlannerT]) -> Solution:
+    """Return the best answer of the problem, and of those with neighbours in one.
 
     Args:
-        planner: Finds local optima from several initial guesses.
+        planner: Of local optima.
         problem: With a tolerance.
-        solve: Returns the planner's answer to a problem with further velocity limits at its
-            waypoints, see `Merged.passing`.
+        solve: Answers a problem as such a planner does, with further limits at the waypoints; where
+            it is not patient, it tries no more starts than the planner's.
     """
-    candidates = list(merged(problem))
-    if len(candidates) > 1:
-        # one of the merged problems may have the optimum: fewer guesses for each
+    whole, *others = merged(problem)
+    if others:
+        # where neighbours overlap the whole problem's own optimum may have a time of 0
         planner = replace(planner, starts=min(planner.starts, FEW_STARTS))
-    found = []
-    for own, index, passing in candidates:
-        solution = solve(own, passing, planner)
+    found: list[Solution] = []
+    for own, index, passing in [*others, whole]:
+        patient = all(known.trajectory is None for known in found)
+        solution = solve(own, passing, planner, patient)
         motion = solution.trajectory
         if motion is not None:
             motion = replace(motion, waypoint_times=motion.waypoint_times[index])
-            if passing is not None:
-                motion = _slowed(problem, motion)
         found.append(replace(solution, trajectory=motion))
-    solved = [own for own in found if own.trajectory is not None]
-    return min(solved or found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
-
-
-def _slowed(problem: Problem, motion: Trajectory) -> Trajectory | None:
-    """Return the motion, slowed down if it is too fast in a segment that takes no time.
-
-    Return None if the route does not allow a dilation.
-    """
-    velocity = problem.limits.kinds["velocity"]
-    needed = velocity.dilation(velocity.worst(motion))
-    if needed <= 1 + _LIMIT_RTOL:
-        return motion
-    return motion.dilated(needed) if problem.route.dilatable else None
+    return min(found, key=lambda own: getattr(own.trajectory, "duration", np.inf))
 
 
 def _box(problem: Problem) -> tuple[Array, Array]:
@@ -107,14 +90,14 @@ def _box(problem: Problem) -> tuple[Array, Array]:
 
 
 def _overlapping(problem: Problem) -> Bools:
-    """Return which segments may take no time, `(segments,)`."""
+    """Which segments may take no time, `(segments,)`."""
     low, high = _box(problem)
     overlaps = np.maximum(low[:-1], low[1:]) <= np.minimum(high[:-1], high[1:])
     return np.asarray(overlaps.all(axis=1) & (problem.route.demand("least_times") == 0))
 
 
 def _chain(problem: Problem, pairs: Indices) -> Bools:
-    """Return a choice of segments that take no time: each where the boxes so far still overlap."""
+    """Segments that take no time, from the first on as many as there is an intersection for."""
     low, high = _box(problem)
     found = np.zeros(problem.segments, dtype=bool)
     least, most = low[0], high[0]
@@ -126,7 +109,7 @@ def _chain(problem: Problem, pairs: Indices) -> Bools:
 
 
 def _joined(problem: Problem, joined: Bools) -> Merged | None:
-    """Return the problem in which these segments take no time; None if no motion is left."""
+    """The problem in which these segments take no time; None where nothing is left to move."""
     index = np.append(0, np.cumsum(~joined))
     first = np.flatnonzero(np.diff(index, prepend=-1))
     low, high = _box(problem)
@@ -139,21 +122,30 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
         own = replace(problem, waypoints=(low + high) / 2, demands=demands, limits=limits)
     except InvalidInput:
         return None
+    if impossible(own):  # the next segment's limits are tighter at an end
+        return None
     return Merged(own, index, _passing(problem, index))
 
 
 def _passing(problem: Problem, index: Indices) -> Array | None:
-    """Return the velocity limits at each waypoint, from the segments that were removed there."""
-    pairs = problem.limits.velocity
-    if pairs.ndim == 2:
+    """The limits at each waypoint of the segments that are left out there."""
+    limits = problem.limits
+    if limits.segments is None:
         return None
-    found = np.tile(UNLIMITED, (index[-1] + 1, problem.joints, 1))
+    shape = (problem.segments, problem.joints, 2)
+    pairs = np.stack(
+        [np.broadcast_to(own, shape) for own in (limits.velocity, limits.acceleration)]
+    )
+    found = np.tile(UNLIMITED, (2, index[-1] + 1, problem.joints, 1))
     for segment in np.flatnonzero(np.diff(index) == 0):
-        low, high = found[index[segment]].T
-        low[:] = np.maximum(low, pairs[segment, :, 0])
-        high[:] = np.minimum(high, pairs[segment, :, 1])
+        place = index[segment]
+        found[:, place] = _tighter(found[:, place], pairs[:, segment])
     if problem.route.demand("closed"):
-        # the first waypoint and the last one are passed at the same velocity
-        ends = found[[0, -1]]
-        found[[0, -1]] = np.stack([ends[..., 0].max(axis=0), ends[..., 1].min(axis=0)], axis=-1)
+        # the first waypoint and the last one are passed in the same state
+        found[:, 0] = found[:, -1] = _tighter(found[:, 0], found[:, -1])
     return found
+
+
+def _tighter(pairs: Array, others: Array) -> Array:
+    low, high = np.maximum(pairs, others)[..., 0], np.minimum(pairs, others)[..., 1]
+    return np.stack([low, high], axis=-1)

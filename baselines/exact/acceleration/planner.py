@@ -1,12 +1,11 @@
 """The exact minimum time with velocity and acceleration limits (mathematics, section 3).
 
-Nothing is discretised. A joint passes a segment of time `T` with the end velocities `u` and `w`.
-The displacements that the limits allow then fill an interval `[D_lo, D_up]`. At its ends the joint
-speeds up to a peak `p`, cruises and brakes. With the peaks as variables the minimum-time problem is
-a small smooth nonlinear program over segment times, waypoint velocities and peaks. It is not
-convex, so there are several initial guesses, and the answer is best known, not proved. From each
-guess an interior-point method made for this program (`exact.method.crossover`) leads to a local
-optimum.
+No discretisation. For one joint over one segment of time `T` with end velocities `u`, `w`, the
+displacements that the limits allow fill an interval `[D_lo, D_up]`; its ends come from speeding up
+to a peak `p`, cruising and braking. With the peaks as variables the minimum-time problem is a small
+smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so there are several
+starts, and the answer is the best known, not a proof. From each one an interior-point method made
+for this program (`exact.method.crossover`) leads to a local optimum.
 
     from baselines.exact.acceleration import Exact
     solution = Exact().solve(problem)
@@ -88,20 +87,30 @@ class Exact(SeveralStarts):
         self.announce("exact", problem)
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return boxes.best(
-                self, problem, lambda own, passing, planner: planner._solved(own, None, passing)
-            )
+            return boxes.best(self, problem, _solved_near)
         return brief_steps.solved(problem, known, self._solved)
 
-    def _solved(self, problem: Problem, _: Array | None, passing: Array | None = None) -> Solution:
-        """Return the answer without leaving out waypoints; `passing`: velocity limits at them."""
+    def _solved(
+        self,
+        problem: Problem,
+        _: Array | None,
+        passing: Array | None = None,
+        patient: bool = True,
+    ) -> Solution:
+        """Return the answer without leaving out waypoints.
+
+        Args:
+            problem: Through these waypoints.
+            passing: Further limits at the waypoints, as `Scaled` takes them.
+            patient: Whether more starts are tried where all have failed.
+        """
         scaled = Passing(problem, passing)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
         def solve_from(starts: Sequence[Start]) -> list[LocalOptimum]:
             return minimised(scaled, starts)
 
-        starts = starting_points(scaled, MAX_STARTS_FACTOR * self.starts)
+        starts = starting_points(scaled, (MAX_STARTS_FACTOR if patient else 1) * self.starts)
         if problem.route.at_rest:
             return self.best_of(scaled, solve_from, starts)
         known = _of_one_segment(scaled) if self.solver == "interior-point" else None
@@ -111,22 +120,22 @@ class Exact(SeveralStarts):
         return self.best_of(scaled, solve_from, chain(beside, starts), apart=len(beside))
 
 
+def _solved_near(
+    problem: Problem, passing: Array | None, planner: Exact, patient: bool
+) -> Solution:
+    return planner._solved(problem, None, passing, patient)
+
+
 class Passing(Scaled):
     """A problem without units, and the motions through given waypoint velocities.
 
     Args:
         problem: its position and jerk limits are ignored.
-        passing: further velocity limits at the waypoints, rad/s, `(waypoints, joints, 2)`.
+        passing: further limits at the waypoints, as `Scaled` has them; velocities count.
     """
 
     def __init__(self, problem: Problem, passing: Array | None = None) -> None:
-        super().__init__(problem, jerk=False)
-        if passing is not None:
-            self.by_segment = True
-            inner = slice(1, None if self.closed else -1)
-            lows, highs = np.moveaxis(passing[inner], -1, 0) / self.units[2]
-            low, high = self.waypoint_v
-            self.waypoint_v = np.array([np.maximum(low, lows), np.minimum(high, highs)])
+        super().__init__(problem, jerk=False, passing=passing)
 
     @property
     def has_demands(self) -> bool:
@@ -140,8 +149,8 @@ class Passing(Scaled):
             return self.shifted(offset).trajectory(times, velocities)
         *_, q_unit = self.units
         ends = with_outer(states, self.end_v, self.closed)
-        starts = self.problem.waypoints[:-1]
-        walls = self.problem.limits.position.T
+        starts = self.problem.waypoints[:-1, self.moving]
+        walls = self.problem.limits.position[self.moving].T
         task = SegmentTask(
             times[:, None],
             self.h,
@@ -165,11 +174,7 @@ class Passing(Scaled):
 
 
 def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
-    """Return the optimum of a problem of one segment: the first time that is possible.
-
-    Return None where the problem has more segments or demands, or where none of the times is
-    possible.
-    """
+    """The optimum of a problem of one segment: the first time that is possible."""
     if len(scaled.h) > 1 or scaled.has_demands:
         return None
     none = np.zeros((0, scaled.h.shape[1]))
@@ -202,7 +207,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
     reach = extremes(u, w, t, v, a)
     conditions = [
         scaled.least <= k * times,
-        # −V1 ≤ v ≤ V2 at the inner waypoints
+        # −V1 ≤ v ≤ V2 at the waypoints
         slowest <= velocities,
         velocities <= fastest,
         # −A1 T ≤ w − u ≤ A2 T
@@ -221,7 +226,7 @@ def repair(
     """Return the smallest dilation that makes times and waypoint velocities reachable.
 
     Solvers meet constraints to a tolerance; dilating by `k` widens every reachable interval.
-    It is infinite where it would be larger than `largest`.
+    Infinite where it were larger than the `largest`.
     """
     low = 1.0
     high = 1.0 + DILATION_TOL
@@ -245,7 +250,7 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
     Args:
         scaled: the problem.
         count: how many.
-        stopping: times of the first guess, relative to the stop times.
+        stopping: times the stop times is what the first one takes.
     """
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)

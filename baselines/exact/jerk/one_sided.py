@@ -1,4 +1,4 @@
-"""Refuse jerk limits on one side or in some segments only: no optimum exists (see `ExactJerk`)."""
+"""Jerk limits on one side or in some segments only: there is no optimum (ExactJerk says why)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from trajopt.core.problem import Problem
 
 
 def unsupported(problem: Problem) -> str | None:
-    """Return why these jerk limits have no optimum; None if they have one."""
+    """Why jerk limits as these have no optimum, or None."""
     limited = np.isfinite(problem.limits.jerk[..., problem.moving, :])
     if (limited[..., 0] != limited[..., 1]).any():
         return "a jerk limit on one side only has no optimum, only an infimum"

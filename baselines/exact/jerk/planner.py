@@ -1,10 +1,10 @@
 """The exact minimum time with velocity, acceleration and jerk limits (mathematics, section 4).
 
-Nothing is discretised. A joint goes from one state (velocity, acceleration) to another in the time
-`T` of a segment. The displacements that the limits allow then fill an interval `[D_lo, D_up]`.
-`exact.jerk.profiles` has both ends of it in closed form, with their derivatives. So the segment
-times and the waypoints' states are the only variables of a small program. An interior-point method
-made for this program solves it (`exact.method.interior_point`).
+No discretisation. For one joint over one segment of time `T`, between two states (velocity,
+acceleration), the displacements that the limits allow fill an interval `[D_lo, D_up]`, whose ends
+are the profiles of `exact.jerk.profiles`, in closed form with their derivatives. So segment times
+and the waypoints' states are the only variables of a small program, which an interior-point method
+made for it solves (`exact.method.interior_point`).
 
     from baselines.exact.jerk import ExactJerk
     trajectory = ExactJerk().solve(problem).trajectory
@@ -39,30 +39,27 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.reductions import SIMPLEST, reduced
 
-# Most initial guesses, relative to `starts`: they are tried as long as all have failed.
+# Times `starts`: how many are tried where all have failed so far.
 MAX_STARTS_FACTOR = 3
-# An initial guess stops at every waypoint. Least and largest time of a segment, relative to the
-# least time with such stops.
+# A start stops at every waypoint, in this many times the least time or more.
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
-# Factor on the tolerances that is still accepted if rounding stops the method.
-ACCEPTED = 100.0
+ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
 
 
 @dataclass(frozen=True)
 class ExactJerk(SeveralStarts):
     """Exact minimum time under velocity, acceleration and jerk limits (several starts).
 
-    Limits may be asymmetric, joints may rest, and some joints may have no jerk limit. Jerk limits
-    may be from 1 to 1e5 times those of acceleration; with 1e5 times the duration is within 1e-4 of
-    the optimum without jerk limits. There are several initial guesses (`starts`), and the answer is
-    the best local optimum found, which is not proved. `solver` is its own interior-point method, or
-    IPOPT on a program of other variables, an independent check.
+    Jerk limits may be stiff (1e5 times those of acceleration: section 3's optimum but for 1e-4) or
+    soft (once), on some joints only, and all limits asymmetric; joints may rest. It starts from
+    `starts` points: the answer is the best known, not proved. `solver` is its own interior-point
+    method, or IPOPT on a program of other variables: an independent check.
 
-    A jerk limit on one side only is unsupported: there is no optimum. Acceleration has to be
-    continuous where jerk is limited on any side. On the side without a limit it may change as
-    steeply as it likes, and a steeper change is always a little faster. A joint's jerk limit in
-    some segments only is unsupported for the same reason.
+    A jerk limit on one side only is unsupported. Acceleration could then jump the other way, and
+    the optimum wants that. But where jerk is limited at all acceleration has to be continuous:
+    steeper and steeper ramps approach the optimum, and none reaches it. So is a jerk limit of a
+    joint in some segments only.
     """
 
     starts: int = 4
@@ -77,17 +74,13 @@ class ExactJerk(SeveralStarts):
     def unsupported(self, problem: Problem) -> str | None:
         if self.solver == "ipopt" and problem.limits.segments is not None:
             return "its program for IPOPT has the same limits in all segments"
-        beside = [key for key in END_STATES if key in problem.demands]
-        if "tolerance" in problem.demands and beside and problem.has("jerk"):
-            other = beside[0].replace("_", " ")
-            return f"with jerk limits it does not know a tolerance beside {other}"
         return one_sided.unsupported(problem) or without_ipopt(self.solver, problem)
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """Return the best of several local optima. `stats`: each start's status and duration (s).
+        """The best of several local optima. `stats`: each start's status and duration (s).
 
-        Where no joint that moves has a jerk limit, `exact` solves the problem.
+        Where no joint that moves has a jerk limit, section 3's program is the same problem.
         """
         if not problem.limits.jerk_limited[problem.moving].any():
             jerkless = problem.without("jerk")
@@ -95,23 +88,36 @@ class ExactJerk(SeveralStarts):
         self.announce("exact-jerk", problem)
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return boxes.best(self, problem, lambda own, _, planner: planner._solved(own, None))
+            return boxes.best(self, problem, _solved_near)
         return brief_steps.solved(problem, known, self._solved)
 
-    def _solved(self, problem: Problem, left_out: Array | None) -> Solution:
-        """Return the answer through these waypoints; `left_out` is explained at `Reachable`."""
+    def _solved(
+        self,
+        problem: Problem,
+        left_out: Array | None,
+        passing: Array | None = None,
+        patient: bool = True,
+    ) -> Solution:
+        """The answer without leaving out waypoints.
+
+        Args:
+            problem: Through these waypoints.
+            left_out: One of the waypoints left out of each segment, as `Reachable` has them.
+            passing: Further limits at the waypoints, as `Scaled` takes them.
+            patient: Whether more starts are tried where all have failed.
+        """
         # late: planners that are only listed need none of it
         from baselines.exact.jerk.motion import Reachable
 
         inside = gaps.off_limits(problem)
         if inside is not problem:
-            solution = self._solved(inside, left_out)
+            solution = self._solved(inside, left_out, passing, patient)
             motion = solution.trajectory and gaps.brought_back(problem, solution.trajectory)
             if solution.trajectory is not None and motion is None:
                 message = "no motion was found that begins or ends at a limit"
                 return Solution(Status.FAILED, message=message, stats=solution.stats)
             return replace(solution, trajectory=motion)
-        scaled = Reachable(problem)
+        scaled = Reachable(problem, passing=passing)
         scaled.left_out = left_out
 
         def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:
@@ -123,14 +129,20 @@ class ExactJerk(SeveralStarts):
 
         if not problem.route.at_rest:
             beside = gaps.starts(scaled)
-            every = chain(beside, gaps.more_starts(scaled))
+            every = chain(beside, gaps.more_starts(scaled) if patient else ())
             return self.best_of(scaled, solve, every, apart=len(beside))
-        starts = islice(_starts(scaled), MAX_STARTS_FACTOR * self.starts)
+        starts = islice(_starts(scaled), (MAX_STARTS_FACTOR if patient else 1) * self.starts)
         return self.best_of(scaled, solve, starts)
 
 
+def _solved_near(
+    problem: Problem, passing: Array | None, planner: ExactJerk, patient: bool
+) -> Solution:
+    return planner._solved(problem, None, passing, patient)
+
+
 def _starts(scaled: Scaled) -> Iterator[JerkStart]:
-    """Yield initial guesses that stop at every waypoint; such a motion keeps all limits."""
+    """Segment times to start from: what stops at every waypoint is within reach."""
     rng = np.random.default_rng(0)
     inner = scaled.h if scaled.closed else scaled.h[1:]
     at_rest = np.zeros_like(inner)
@@ -141,12 +153,12 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
 
 
 def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
-    """Return the local optimum that each initial guess leads to."""
+    """The local optimum near each start."""
     near = bool(scaled.tolerance.any())
     cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
     begins: Any = NearInequalities if near else JerkInequalities
     times, velocity, acceleration = (np.array(own) for own in zip(*starts, strict=True))
-    # a start that diverges overflows; `converged` is then false
+    # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
         iterate = descended(begun(begins(cells, point)), converged)

@@ -28,8 +28,8 @@ UNLIMITED = np.array([-np.inf, np.inf])
 class JointLimit(Limit):
     """An interval `[low, high]` for one derivative of each joint.
 
-    It is the same for the whole motion, or each segment has its own. At a waypoint the limits of
-    both neighbouring segments hold.
+    It is the same all the time, or each segment has its own: between two waypoints that segment's
+    counts, at a waypoint both its neighbours'.
 
     Attributes:
         order: of the derivative.
@@ -59,9 +59,9 @@ class JointLimit(Limit):
 
     @classmethod
     def read(cls, value: Any, joints: int) -> Self:
-        """Return the limit of a number `x` per joint, for `[-x, x]`, or a pair `[low, high]`.
+        """From a number per joint (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture.
 
-        Both may be mixed. An array `(segments, joints, 2)` has the pairs of each segment.
+        `(segments, joints, 2)` numbers, a pair per joint, are each segment's own.
         """
         limit = cls(pairs_of(cls.key, value))
         if len(limit.bounds) != joints:
@@ -70,18 +70,18 @@ class JointLimit(Limit):
         return limit
 
     def table(self) -> Any:
-        """Return the limit as `read` takes it; where segments differ, that of most segments."""
+        """As `read` takes it; of each segment's own the one that most segments have."""
         return _written(self._usual)
 
     def of_segment(self, segment: int) -> Any:
-        """Return a segment's limit as `read` takes it; None where it is the same as `table`."""
+        """What `read` takes for one segment; None where it is `table`."""
         if self.segments is None or np.array_equal(self.pairs[segment], self._usual):
             return None
         return _written(self.pairs[segment])
 
     @property
     def _usual(self) -> Array:
-        """Return the pairs of most segments, `(joints, 2)`; the first ones where it is a tie."""
+        """The pairs that most segments have, `(joints, 2)`; the first of those that as many do."""
         if self.segments is None:
             return self.pairs
         same = (self.pairs[:, None] == self.pairs).all(axis=(2, 3))
@@ -110,13 +110,7 @@ class JointLimit(Limit):
         return np.asarray(finite if finite.ndim == 1 else finite.any(axis=0))
 
     def only(self, joints: Array) -> Self:
-        pairs = self.pairs[..., joints, :]
-        if pairs.ndim == 3:  # segments may differ in other joints only
-            return type(self)(pairs)
-        part = object.__new__(type(self))  # what is right for all joints is right for some
-        pairs.setflags(write=False)
-        part.__dict__["pairs"] = pairs
-        return part
+        return type(self)(self.pairs[..., joints, :])
 
     def scaled(self, factors: Array) -> Self:
         return type(self)(factors[..., None] * self.pairs)
@@ -139,8 +133,27 @@ class JointLimit(Limit):
             motion = motion.refined(motion.waypoint_times)
         return peaks.peak(motion, self.order, self._along(motion), peaks.ratio)
 
+    def at_instants(self, motion: Trajectory, joints: Bools) -> Use | None:
+        """The worst use by some joints in segments that take no time; None without one.
+
+        It says something of joints whose rate does not jump, `(joints,)`.
+        """
+        if self.segments is None or not joints.any():
+            return None
+        own = motion.refined(motion.waypoint_times)
+        taking = own.segments_at((own.breaks[:-1] + own.breaks[1:]) / 2)
+        (brief,) = np.nonzero(~np.isin(np.arange(self.segments), taking))
+        if not len(brief):
+            return None
+        times = motion.waypoint_times[brief]
+        low, high = np.moveaxis(self.pairs[brief], -1, 0)
+        shares = peaks.ratio(motion(times, self.order), np.zeros_like(low), low, high)
+        shares = np.where(joints, shares, 0.0)
+        instant, joint = np.unravel_index(np.argmax(shares), shares.shape)
+        return Use(float(shares[instant, joint]), int(joint), float(times[instant]))
+
     def _along(self, motion: Trajectory) -> Array:
-        """Return the limits of each piece of a motion that has breaks at its waypoints.
+        """The limits of each piece of a motion with breaks at its waypoints.
 
         `(joints, 2)` where all pieces have the same, else `(pieces, joints, 2)`.
         """
@@ -150,10 +163,7 @@ class JointLimit(Limit):
         return self.pairs[motion.segments_at(middles)]
 
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
-        """Yield the intervals where `(p − zero)/(full − zero) > share`, on either side.
-
-        `full` is the limit, and `zero` the value whose use is 0.
-        """
+        """A side's use is `(p − zero)/(full − zero)`: 0 at `zero` and 1 at `full`."""
         if self.segments is not None:
             motion = motion.refined(motion.waypoint_times)
         pairs = self._along(motion)
@@ -177,7 +187,7 @@ class JointLimit(Limit):
             yield Interval(one, float(start), float(end))
 
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
-        """Return the use of joints with both limits; for a position, its place in the range."""
+        """For a joint with both limits; of a position, its place in the range."""
         values = motion(times, self.order)
         found: dict[int | None, Array] = {}
         pairs = self.pairs if self.segments is None else self.pairs[motion.segments_at(times)]
@@ -208,14 +218,14 @@ class JointLimit(Limit):
 
     @property
     def _zero(self) -> Array:
-        """Return the values whose use of the low and the high limit is 0, shaped as `pairs`."""
+        """The values that use nothing of the low and of the high limit, shaped as `pairs`."""
         return self._zero_of(self.pairs)
 
     def _zero_of(self, pairs: Array) -> Array:
         return np.zeros_like(pairs)
 
     def _check(self) -> None:
-        """Refuse limits that exclude 0, and infinite ones where they must be finite."""
+        """Refuse infinite limits where these must be finite, and limits without rest."""
         low, high = self.pairs[..., 0], self.pairs[..., 1]
         right = (low < 0) & (high > 0)
         expected = "a positive number, or low < 0 < high"
@@ -239,29 +249,9 @@ class Velocity(JointLimit):
     order = degree = 1
     finite = True
 
-    def worst(self, motion: Trajectory) -> Use:
-        """Return the worst use, also of the limits of segments that take no time.
-
-        Velocity does not jump there, so it has to keep them at that instant.
-        """
-        found = super().worst(motion)
-        if self.segments is None:
-            return found
-        own = motion.refined(motion.waypoint_times)
-        taking = own.segments_at((own.breaks[:-1] + own.breaks[1:]) / 2)
-        (brief,) = np.nonzero(~np.isin(np.arange(self.segments), taking))
-        if not len(brief):
-            return found
-        times = motion.waypoint_times[brief]
-        low, high = np.moveaxis(self.pairs[brief], -1, 0)
-        shares = peaks.ratio(motion(times, 1), np.zeros_like(low), low, high)
-        instant, joint = np.unravel_index(np.argmax(shares), shares.shape)
-        passed = Use(float(shares[instant, joint]), int(joint), float(times[instant]))
-        return max(found, passed, key=lambda use: use.value)
-
 
 class Acceleration(JointLimit):
-    """Acceleration limits, rad/s²; velocity must be continuous."""
+    """Acceleration limits, rad/s²: velocity does not jump."""
 
     key = "acceleration"
     short = "acc."
@@ -271,7 +261,7 @@ class Acceleration(JointLimit):
 
 
 class Jerk(JointLimit):
-    """Jerk limits, rad/s³; acceleration must be continuous."""
+    """Jerk limits, rad/s³: acceleration does not jump."""
 
     key = "jerk"
     order = degree = 3
@@ -279,7 +269,7 @@ class Jerk(JointLimit):
 
 
 class Position(JointLimit):
-    """Position limits, rad. A dilation does not change an excess over them."""
+    """Position limits, rad: a repair keeps them, no dilation changes what is beyond."""
 
     key = "position"
     order = 0
@@ -317,7 +307,7 @@ class Position(JointLimit):
 
 
 def pairs_of(key: str, value: Any) -> Array:
-    """Return `[low, high]` pairs, `(joints, 2)` or `(segments, joints, 2)`, of numbers or pairs.
+    """One `[low, high]` pair per joint, from numbers (symmetric) or pairs; or that per segment.
 
     Raises:
         InvalidInput: Names the key, the segment, the joint, the value, and what would be right.
@@ -335,19 +325,19 @@ def pairs_of(key: str, value: Any) -> Array:
 
 
 def _is_by_segment(value: Any) -> bool:
-    """Return whether a value is a list of segments, each a list with a pair for every joint."""
+    """Whether this is a list of segments, with lists of joints that have pairs, all of them."""
     return is_list(value) and any(
         is_list(segment) and any(map(is_list, segment)) for segment in value
     )
 
 
 def segment_key(key: str, segment: int | None = None) -> str:
-    """Return the place of a value, for errors: the limit's key and the segment, from 1."""
+    """Where a value stands, for errors: the limit's key, and the segment from 1."""
     return f"limits.{key}" if segment is None else f"limits.{key}, segment {segment + 1}"
 
 
 def value_pairs(key: str, value: Any) -> Array:
-    """Return one `[low, high]` pair per joint; `key` is for errors."""
+    """One `[low, high]` pair per joint; errors name this key."""
     if not is_list(value) or len(value) == 0:
         raise InvalidInput(
             key, "a list with a number, or a pair [low, high], for every joint", value=value
@@ -372,14 +362,14 @@ def _written(pairs: Array) -> Any:
 
 
 def _span(pair: Sequence[float]) -> str:
-    """Return an interval in words: "± 2", or its two ends."""
+    """An interval in words: "± 2", or its two ends."""
     low, high = pair
     ends = [f"{end:.6g}" if np.isfinite(end) else "–" for end in pair]
     return f"± {ends[1]}" if low == -high else " … ".join(ends)
 
 
 def _numbers(segments: Indices) -> str:
-    """Return segments in words, counted from 1: "segments 1, 3–5"."""
+    """Which segments, in words, counted from 1: "segments 1, 3–5"."""
     runs = np.split(segments, np.flatnonzero(np.diff(segments) > 1) + 1)
     spans = [f"{run[0] + 1}–{run[-1] + 1}" if len(run) > 1 else f"{run[0] + 1}" for run in runs]
     return f"segment{'s' * (len(segments) > 1)} {', '.join(spans)}"
