@@ -1,4 +1,4 @@
-"""The front of duration and smoothness of a problem, and where motions stand beside it.
+"""The front of duration and smoothness of a problem, and motions compared with it.
 
 front = trajopt.front("six-axis", durations=[1.8, 2.0, 3.0])
 for point in front.points:
@@ -39,15 +39,15 @@ class KnowsFront(Protocol):
 
 @dataclass(frozen=True)
 class Beside:
-    """Where a motion stands beside the front.
+    """A motion compared with the front.
 
     Attributes:
-        label: Of the planner, or the motion's name.
-        duration: Certified, s.
-        value: Its integral, infinite where it jumps.
-        times_the_least: Its integral over the least one of its duration; infinite where it jumps,
-            None where no motion of its duration is found.
-        shortest: The shortest duration with its integral, s; None where it jumps.
+        label: Label of the planner, or name of the motion.
+        duration: Certified duration, s.
+        value: Its integral; infinite where it jumps.
+        times_the_least: Its integral over the least one of the same duration; infinite where it
+            jumps, None where no motion of its duration is found.
+        shortest: The shortest duration with the same integral, s; None where it jumps.
     """
 
     label: str
@@ -57,7 +57,7 @@ class Beside:
     shortest: float | None
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: infinite values are None."""
+        """Return the values for JSON; infinite ones are None."""
         return {
             "label": self.label,
             "duration": self.duration,
@@ -74,7 +74,7 @@ class Front:
     Attributes:
         problem: All its limits are kept.
         measure: `jerk` or `acceleration`, whose square is integrated.
-        points: By duration.
+        points: Points in the order of durations.
     """
 
     problem: Problem
@@ -83,16 +83,16 @@ class Front:
 
     @cached_property
     def unit(self) -> str:
-        """The unit of the integrals."""
+        """Return the unit of the integrals."""
         return unit(self.problem, 3 if self.measure == "jerk" else 2)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: SI units; `lower` is None where nothing is proved."""
+        """Return the front for JSON, in SI units; `lower` is None where nothing is proved."""
         names = ("duration", "value", "lower")
         return {"points": [{name: getattr(p, name) for name in names} for p in self.points]}
 
     def beside(self, trials: Iterable[Trial]) -> list[Beside]:
-        """Return where the trials with a certified motion stand, by duration."""
+        """Return the trials with a certified motion, compared with the front, by duration."""
         found = []
         for trial in trials:
             duration, smooth = trial.certified_duration, trial.smoothness
@@ -159,5 +159,5 @@ def front(
 
 
 def _smooth(measure: Measure, **options: float) -> Planner:
-    """The planner of the smoothest motions: it enters by its entry point, as every planner."""
+    """Return the planner of the smoothest motions, loaded by its entry point like any planner."""
     return configured(entries()["smooth"].load(), {"measure": measure, **options}, "smooth")

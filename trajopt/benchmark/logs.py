@@ -1,9 +1,9 @@
-"""Recognise a log among motions, and judge it by what its digits tell.
+"""Recognise a log among motions, and judge it by what its digits allow.
 
-A table of many positions alone is a log: no controller's motion is known between them. So is a file
-with velocities whose samples are close together and whose digits are worth more than 1 % of a
-limit: there a change of the last digit changes the verdict. With eight decimals or more the motion
-is judged as it stands. A `spline` joins positions alone, so velocities are left out for it.
+A table of many positions without velocities is a log, since the motion between them is not known.
+A file with velocities is a log if its samples are close together and a change of their last digits
+changes a use of a limit by more than 1 %. With eight decimals or more a motion is judged as it is.
+The interpolation `spline` joins positions only, so velocities are ignored with it.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ AS_LOG: tuple[Interpolation, ...] = ("auto", "spline")
 """Interpolations that no controller was said to use: a log may be judged by its digits."""
 
 _MANY_DECIMALS = 8
-_LOG_SAMPLES = 20  # at least
-_LOG_STEP_S = 0.1  # at most between samples of positions alone
-_DENSE_STEP_S = 0.02  # at most between samples with velocities
-_WORTH = 0.01  # of a limit
+_LOG_SAMPLES = 20  # least number of samples of a log
+_LOG_STEP_S = 0.1  # largest time between samples of positions alone, s
+_DENSE_STEP_S = 0.02  # largest time between samples with velocities, s
+_WORTH = 0.01  # share of a limit that the digits of a log change
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class LogOptions:
     """How a log is judged.
 
     Attributes:
-        noise: Standard deviation of the positions' noise, rad (m); 0 for digits alone.
-        window: Over which a mean excess of 5 % must show for a log to count as kept, s.
+        noise: Standard deviation of the positions' noise, rad (m); 0 for rounding alone.
+        window: A log is `kept` only if a mean excess of 5 % over this time, s, is excluded.
     """
 
     noise: float = 0.0
@@ -53,7 +53,7 @@ class LogOptions:
 def evidence_of(
     motion: Motion, limits: Limits, options: LogOptions, accelerations: Sequence[bool] = ()
 ) -> Evidence | None:
-    """Return what a log tells about the limits of its joints; None for any other motion.
+    """Return the verdict on a log by the limits of its joints; None for any other motion.
 
     Where segments differ, the widest limits count.
     """
@@ -87,7 +87,7 @@ def evidence_of(
 def _is_log(samples: Samples, limits: Limits) -> bool:
     assert samples.half_digits is not None
     step = float(np.median(np.diff(samples.times)))
-    moving = np.ptp(samples.positions, axis=0) > 0  # a constant says nothing of the digits
+    moving = np.ptp(samples.positions, axis=0) > 0  # constant columns do not show digits
     decimals = np.array(samples.decimals)[moving]
     fine = (decimals >= _MANY_DECIMALS).all()
     if len(samples.times) < _LOG_SAMPLES or step > _LOG_STEP_S:

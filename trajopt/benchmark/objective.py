@@ -21,11 +21,11 @@ def objective(
     Args:
         problem: A problem, its built-in name, or its file.
         shape: The degrees of the spline's pieces: `3-5-3`, for four waypoints; one degree for all
-            pieces (`5`); one for each (`4-3-4`), or three of which the middle one is repeated. Of
-            the freedoms that such a spline has beside its times the least bending ones are taken.
-        fitness: `penalty`: the duration within the limits, s, and more than any duration in the box
-            where a limit is broken, by the summed relative violation (Deb's rule); `scaled`: the
-            duration once dilated to the limits, s.
+            pieces (`5`); one for each (`4-3-4`), or three of which the middle one is repeated. If
+            such a spline is not determined by its times, the smoothest one is taken.
+        fitness: `penalty`: the duration within the limits, s. If a limit is broken it is more than
+            any duration in the box and grows with the summed relative violation (Deb's rule).
+            `scaled`: the duration after dilation to the limits, s.
 
     Returns:
         A function of times in s: `(variables,)` to a number, `(n, variables)` to `(n,)`. It has
@@ -33,7 +33,7 @@ def objective(
         `trajectory` returns a candidate's motion, which `trajopt.judge` judges.
 
     Raises:
-        InvalidInput: The shape is not for this problem, or no such fitness exists.
+        InvalidInput: The shape does not fit this problem, or no such fitness exists.
         UnknownName: There is no such problem.
     """
     return Objective(catalogue.given(problem), shape, fitness)

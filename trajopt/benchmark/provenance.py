@@ -1,18 +1,18 @@
 """The code that ran: which distribution, which version, and a digest of its sources.
 
-A trial's identity contains that digest, so an edited planner never shows what it answered before.
-The digest covers, depending on where the code lies:
+A trial's identity contains that digest, so old answers are never shown for an edited planner. What
+the digest covers depends on where the code is:
 
 - installed from a wheel: the distribution's version, and the module's own file;
-- a package that is not (an editable install, a checkout): every source of the package;
-- a script: its file, and the modules beside it that it imports;
-- a notebook, or a class made inside a function: the source of its functions, and of whatever they
-  use of their own module and of the functions around them.
+- in a package that is not (an editable install, a checkout): every source of the package;
+- in a script: its file, and the modules beside it that it imports;
+- in a notebook, or in a class made inside a function: the source of its functions, and of what they
+  use from their own module and from the enclosing functions.
 
-Code without a source, as `exec` and standard input make it, has a new digest in every process:
-its trials are never kept for the next run. A module that was edited after its import is refused:
-other code would run than its source says. This package belongs to every digest, since it judges:
-its modules that can change a trial, not those that only show it.
+Code without a source, from `exec` or standard input, has a new digest in every process, so its
+trials are never kept for the next run. A module that was edited after its import is refused, since
+its source is not the code that runs. Every digest also covers the modules of this package that can
+change a trial, since they judge it.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _SHOWS_ONLY = (
 )
 _JUDGES = ("trajopt/benchmark/trial.py",)
 _SOURCES = (".py", ".so", ".pyd")
-_SHORT_ARRAY = 100  # values that an option shows before it shows their digest instead
+_SHORT_ARRAY = 100  # an array option with more values is stated by a digest
 _CPU_MODEL = re.compile(r"^model name\s*:\s*(?P<name>\S.*)$", re.MULTILINE)
 _CONSTANTS = (str, int, float, tuple, list)
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
@@ -75,7 +75,7 @@ class Code:
     digest: str
 
     def as_dict(self) -> dict[str, str]:
-        """As a trial's provenance has it."""
+        """Return the entries of a trial's provenance."""
         return {
             "planner_distribution": self.distribution,
             "planner_version": self.version,
@@ -85,7 +85,7 @@ class Code:
 
 @cache
 def provenance() -> dict[str, str]:
-    """Versions of this package and of every solver, the code that judges, and the machine."""
+    """Return the versions of this package and its solvers, the judge's digest, the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     return versions | {
         "python": platform.python_version(),
@@ -97,7 +97,7 @@ def provenance() -> dict[str, str]:
 
 
 def code_of(planner: Planner) -> Code:
-    """The code that runs when this planner does: its own, its bases', its nested options', ours."""
+    """Return the code of a planner: its own, its bases', its nested options', and ours."""
     linecache.checkcache()
     own = type(planner)
     parts: dict[str, str] = {}
@@ -110,9 +110,9 @@ def code_of(planner: Planner) -> Code:
 
 
 def plain(value: Any, option: str = "option") -> Any:
-    """An option's value as JSON can say it, whole: two that differ stay different.
+    """Return an option's value for JSON, such that different values stay different.
 
-    Raises `InvalidInput` for an object whose text does not say what it holds.
+    Raises `InvalidInput` for an object whose text does not determine its value.
     """
     if isinstance(value, str):
         return harmless(value)
@@ -156,7 +156,7 @@ def _plain_array(array: np.ndarray[Any, Any]) -> Any:
 
 
 def _classes(planner: Planner) -> Iterator[type]:
-    """The classes whose code runs: of the planner, of its nested options, and their bases."""
+    """Return the classes whose code runs: the planner's, its nested options', their bases."""
     waiting: list[object] = [planner]
     while waiting:
         value = waiting.pop()
@@ -177,7 +177,7 @@ def _is_standard(cls: type) -> bool:
 
 
 def _digest(value: type | FunctionType) -> str:
-    """Digest the sources that a class or a function comes from."""
+    """Return the digest of the sources of a class or a function."""
     module = sys.modules.get(value.__module__)
     sources = ""
     if module is not None and _file(module) is not None:
@@ -190,7 +190,7 @@ def _digest(value: type | FunctionType) -> str:
 
 
 def _functions(value: type | FunctionType) -> dict[str, FunctionType]:
-    """The functions of a class by their names, or the function itself, without decorators."""
+    """Return the functions of a class by name, or the function itself, without decorators."""
     members = vars(value) if isinstance(value, type) else {value.__name__: value}
     found = {}
     for name, member in members.items():
@@ -239,12 +239,12 @@ def _source(function: FunctionType) -> str:
 
 @cache
 def _unknown(function: FunctionType) -> str:
-    """A new identity for each function without a source, in each process."""
+    """Return a new identity for a function without a source, different in each process."""
     return uuid4().hex
 
 
 def _texts(value: Any, seen: set[int]) -> Iterator[Any]:
-    """Yield the sources of a class or a function, and of what it uses: see the top of this file."""
+    """Yield the sources of a class or function, and of what it uses (see the module's text)."""
     if id(value) in seen or isinstance(value, ModuleType):
         return
     seen.add(id(value))
@@ -273,12 +273,12 @@ def _used(function: FunctionType) -> Iterator[Any]:
 
 
 def _names(code: CodeType) -> list[str]:
-    """The global names in a function and in the functions within it."""
+    """Return the global names in a function and in the functions within it."""
     return [name for own in _codes(code) for name in own.co_names]
 
 
 def _sources(name: str) -> str:
-    """A digest of the sources of a module: see the top of this file."""
+    """Return the digest of the sources of a module (see the module's text)."""
     module = sys.modules[name]
     file = _file(module)
     if file is None:
@@ -325,7 +325,7 @@ def _check_imported(files: Iterable[Path]) -> None:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """The code of a module or function, and of the functions within it."""
+    """Return the code objects of a module or function, and of the functions within it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -334,7 +334,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 @cache
 def _ours() -> str:
-    """Digest the sources of this package that trials depend on."""
+    """Return the digest of the sources of this package that trials depend on."""
     root = Path(__file__).resolve().parents[2]
     sources: dict[str, Path] = {}
     for package in _OURS:
@@ -344,7 +344,7 @@ def _ours() -> str:
 
 
 def _named(files: list[Path], root: Path) -> dict[str, Path]:
-    """Files by their paths below a folder."""
+    """Return files by their paths below a folder."""
     return {file.relative_to(root).as_posix(): file for file in files}
 
 
@@ -359,7 +359,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _script(file: Path) -> list[Path]:
-    """A script and the modules beside it that it imports, theirs too."""
+    """Return a script and the modules beside it that it imports, directly or indirectly."""
     found: dict[Path, None] = {}
     waiting = [file]
     while waiting:
@@ -383,7 +383,7 @@ def _beside(folder: Path, name: str) -> list[Path]:
 
 
 def _imported(path: Path) -> set[str]:
-    """Top-level names of the modules that a source imports, wherever in it."""
+    """Return the top-level names of all modules that a source imports."""
     try:
         tree = ast.parse(path.read_bytes())
     except (SyntaxError, ValueError):  # not Python: compiled

@@ -32,8 +32,8 @@ from trajopt.judging.verification import Certificate, certified, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
 
-DEGREE_MAX = 100  # polynomial degree; finding roots takes memory by its square
-OUT_OF_MEMORY = "out of memory"  # the message of a trial that had too little
+DEGREE_MAX = 100  # largest polynomial degree; the memory for roots grows with its square
+OUT_OF_MEMORY = "out of memory"  # the message of a trial with too little memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +42,13 @@ class Trial:
 
     `planner` is its name, `label` the name with the options that differ from the registered ones,
     or the name that a user gave to a planner that is not registered.
-    `status` and `message` are the verdict: the planner's own status, unless the verifier found
-    what no dilation can mend, or no ignored limit broken by a relaxed answer. `solve_time` and
-    `setup_time` are wall seconds without and for what later calls need not do again: importing what
-    the planner requires, and building what it keeps. Of a batch of `batch` runs solved together,
-    each has its share. `asked` is when a later comparison kept it in place of newer code's trials.
-    `differences` is what a file stated of it and this installation's judge did not find.
+    `status` and `message` are the verdict. It is the planner's own status with two exceptions:
+    `invalid` if the verifier finds a flaw, and `solved` if a relaxed answer keeps the ignored
+    limits. `setup_time` is the wall time, s, for what later calls need not repeat: importing what
+    the planner requires, and building what it keeps. `solve_time` is the rest. Of a batch of
+    `batch` runs solved together, each has its share. `asked` is the time at which a later
+    comparison kept it in place of trials of newer code. `differences` are the statements of a file
+    that the judge of this installation does not confirm.
     """
 
     problem: Problem
@@ -76,12 +77,12 @@ class Trial:
 
     @cached_property
     def id(self) -> str:
-        """Identity: problem digest, planner, all options, seed, and the code that ran."""
+        """Return the identity: problem digest, planner, all options, seed, and code."""
         return trial_id(self.problem, self.planner, self.options, self.seed, self.code)
 
     @property
     def code(self) -> str:
-        """Digest of the code that ran; trials of old know the package's version alone."""
+        """Return the digest of the code that ran; in old trials, the package's version."""
         return self.provenance.get("planner_digest") or self.provenance["mintime"]
 
     @property
@@ -97,7 +98,7 @@ class Trial:
 
     @property
     def certified_duration(self) -> float | None:
-        """The duration that the verifier vouches for, s."""
+        """Return the certified duration, s; None without one."""
         return self.certificate.certified_duration if self.certificate else None
 
     @property
@@ -106,7 +107,7 @@ class Trial:
 
     @property
     def dilation(self) -> float | None:
-        """The exact cheapest time dilation that meets the limits."""
+        """Return the least dilation that keeps the limits."""
         return self.certificate.dilation if self.certificate else None
 
     @property
@@ -163,7 +164,7 @@ class Trial:
 
     @cached_property
     def certified_trajectory(self) -> Trajectory | None:
-        """The trajectory, dilated where it broke a limit; None where dilation cannot mend it."""
+        """The trajectory that has the certified duration; None without one."""
         trajectory = self.solution.trajectory
         if trajectory is None or self.certificate is None or not self.certificate.valid:
             return None
@@ -355,7 +356,7 @@ def judged(
     started: str,
     limits: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Trial]:
-    """The trials that answers are, one per seed; the verifier sees `problem`."""
+    """Return the judged trials of answers, one per seed; they are verified on `problem`."""
     trials = []
     for seed, solution in zip(seeds, answers.solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
@@ -385,7 +386,7 @@ def unanswered(
     message: str,
     limits: Mapping[str, str] = MappingProxyType({}),
 ) -> Trial:
-    """The trial of a planner that never answered: it hung, or its process died."""
+    """Return the trial of a planner without an answer: it hung, or its process died."""
     return Trial(
         problem=problem,
         planner=entrant.name,
@@ -406,12 +407,12 @@ def unanswered(
 
 
 def now() -> str:
-    """The time as trials have it: UTC, ISO 8601."""
+    """Return the present time in the form of trials: UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def copied(problem: Problem) -> Problem:
-    """The problem in arrays of its own, which cannot be written to either."""
+    """Return a copy of the problem with its own read-only arrays."""
     copy = deepcopy(problem)
     arrays = [copy.waypoints]
     arrays += [own.numbers for own in copy.limits.kinds.values()]
@@ -422,7 +423,7 @@ def copied(problem: Problem) -> Problem:
 
 
 def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certificate | None]:
-    """The verifier's word on a solution: its status, message and certificate."""
+    """Return the verifier's verdict on a solution: status, message and certificate."""
     if solution.trajectory is None:
         if solution.status in (Status.SOLVED, Status.RELAXED):
             return Status.FAILED, f"reported {solution.status} without a trajectory", None
@@ -481,7 +482,7 @@ def crash(message: str) -> Solution:
 
 
 def well_formed(answer: Any) -> Solution:
-    """The answer, or a crash that says which part of it is not what a `Solution` holds."""
+    """Return the answer; if a part is not what a `Solution` holds, a crash that names it."""
     if not isinstance(answer, Solution):
         return crash(f"solve must return a Solution, got {_in_a_line(answer)}")
     for name, kinds in _KINDS.items():

@@ -31,15 +31,15 @@ from trajopt.planners.rest_to_rest import end_to_end_bound
 
 Stats = Mapping[str, Any]
 
-_PROOF = "proof_"  # names of a proof's arrays among a solution's stats begin like this
-# Digits of a proof's numbers, fewest first: whatever they are, it proves something.
+_PROOF = "proof_"  # prefix of the names of a proof's arrays among a solution's stats
+# Numbers of digits to which a proof is rounded, fewest first. A rounded proof still proves a bound.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)
 _START_DIGITS = 12
-# Bound that a proof may lose by rounding its numbers, relative.
+# Largest loss of the bound by rounding a proof's numbers, relative.
 _PROOF_RTOL = 1e-5
-# Arrays of a proof that stay exact: its units and its question.
+# Arrays of a proof that are not rounded: its units and its cut-off.
 _EXACT = ("proof_units", "proof_cutoff")
-# Duration that a motion may lose by writing it briefly, relative: little beside `BETTER_RTOL`.
+# Largest loss of duration by writing a motion in few numbers, relative; small beside `BETTER_RTOL`.
 _KEPT_RTOL = 0.1 * BETTER_RTOL
 
 
@@ -48,8 +48,8 @@ class Candidate:
     """A motion or a proof that may be better than the recorded one.
 
     Attributes:
-        problem: That it is about.
-        origin: Where it comes from.
+        problem: Its problem.
+        origin: Its source.
         trajectory: None where there is only a proof.
         proof: Arrays by name, as a solution's stats have them; empty where there is only a motion.
     """
@@ -65,10 +65,10 @@ class RecordUpdate:
     """The candidates for one problem, compared with its record.
 
     Attributes:
-        problem: Theirs.
-        before: The record as it is; None where there is none.
-        after: The record with what is better; None where nothing is.
-        duration: The shortest certified one among the candidates, s; None where there is none.
+        problem: The candidates' problem.
+        before: The present record; None where there is none.
+        after: The improved record; None where nothing is better.
+        duration: The shortest certified duration of the candidates, s; None where there is none.
     """
 
     problem: Problem
@@ -144,7 +144,7 @@ def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[RecordUpd
     """Compare the candidates with a folder of records, problem by problem.
 
     Raises:
-        TrajoptError: A motion is briefer than what is proved: one of them is wrong.
+        TrajoptError: A motion is shorter than a proved bound: one of the two is wrong.
     """
     groups: dict[str, list[Candidate]] = {}
     for candidate in candidates:
@@ -192,7 +192,7 @@ def _with_motion(before: Record | None, candidate: Candidate) -> Record | None:
 
 
 def _brief_motion(record: Record) -> Record:
-    """The record with its motion in as few numbers as keep its certified duration."""
+    """Return the record with its motion in as few numbers as keep its certified duration."""
     table = own_breaks.table(record.trajectory, own_breaks.SAME_RTOL)
     brief = Candidate(record.problem, record.motion, own_breaks.trajectory(table))
     found = _with_motion(record, brief)
@@ -202,13 +202,13 @@ def _brief_motion(record: Record) -> Record:
 
 
 def _with_proof(record: Record, candidate: Candidate) -> Record:
-    """The record with a proof, where that proves more."""
+    """Return the record with a proof, if that proves more."""
     if not candidate.proof:
         return record
     exact = _proving(record, candidate, candidate.proof)
     if exact is None:  # about another question, or no proof
         return record
-    # less may be what the recorded one lost by rounding
+    # a smaller difference may be the recorded proof's loss by rounding
     least = record.lower_bound * (1 + BETTER_RTOL) / (1 - _PROOF_RTOL)
     if exact.lower_bound <= least:
         return record
@@ -220,7 +220,7 @@ def _with_proof(record: Record, candidate: Candidate) -> Record:
 
 
 def _proving(record: Record, candidate: Candidate, proof: Stats) -> Record | None:
-    """The record with another proof and what that proves; None where it proves nothing."""
+    """Return the record with another proof and its bound; None if it proves nothing."""
     solution = replace(record.trial.solution, stats=proof)
     options = {**record.trial.options, "bound": asdict(candidate.origin)}
     trial = replace(record.trial, solution=solution, options=options)
@@ -232,7 +232,7 @@ def _proving(record: Record, candidate: Candidate, proof: Stats) -> Record | Non
 
 
 def _rounded(proof: Stats, digits: int) -> dict[str, Array]:
-    """The proof with fewer digits; whole numbers, and what it counts in, as they are."""
+    """Return the proof with fewer digits; whole numbers and units stay exact."""
     found = {}
     for name, array in proof.items():
         brief = _brief(array, digits)
@@ -242,7 +242,7 @@ def _rounded(proof: Stats, digits: int) -> dict[str, Array]:
         found[name] = np.where(whole, array, brief)
     cells = proof.get("proof_cells")
     if cells is not None and cells.ndim == 2:
-        # starts of narrow cells: rounding must leave them a width
+        # starts of narrow cells: after rounding their width must not be 0
         found["proof_cells"][:, 0] = _brief(cells[:, 0], _START_DIGITS)
     return found
 

@@ -1,8 +1,8 @@
 """Records: the best known motion of a problem, and a proved lower bound, in a file.
 
 A record is a trial's text, as the files of a results folder are. The trial is that of `BEST_KNOWN`:
-its solution is the best known motion with the highest lower bound and the proof of that, and its
-options state where the two come from. The motion is stated joint by joint
+its solution is the best known motion with the highest lower bound and its proof, and its
+options state the sources of both. The motion is stated joint by joint
 (`trajopt.benchmark.store.own_breaks`). A record is found by the problem's numbers.
 """
 
@@ -74,11 +74,11 @@ class Record:
 
     Attributes:
         trial: The trial that states everything.
-        duration: Certified, of `trajectory`, s.
-        lower_bound: No motion is faster, s.
-        trajectory: As it was planned: certified, it may take longer.
-        motion: Where the trajectory comes from.
-        bound: Where the lower bound comes from.
+        duration: Certified duration of `trajectory`, s.
+        lower_bound: No motion takes less, s.
+        trajectory: The motion as planned; its certified duration may be longer.
+        motion: Source of the trajectory.
+        bound: Source of the lower bound.
     """
 
     trial: Trial
@@ -90,12 +90,12 @@ class Record:
 
     @property
     def problem(self) -> Problem:
-        """Two problems are the same where their numbers are."""
+        """Return the record's problem; problems with the same numbers are the same."""
         return self.trial.problem
 
     @property
     def proved_within(self) -> float:
-        """By how much the duration may exceed the optimum, as a ratio minus 1."""
+        """Return the largest possible excess over the optimum, a ratio minus 1."""
         return self.duration / self.lower_bound - 1
 
     @property
@@ -110,7 +110,7 @@ class Record:
 
 
 def ending(problem: Problem) -> str:
-    """Return how the file name of a problem's record ends, whatever the problem is called."""
+    """Return the ending of the file name of a problem's record, from the problem's digest."""
     return f".{problem.digest()[:16]}.json"
 
 

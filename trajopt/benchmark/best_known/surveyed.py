@@ -1,4 +1,4 @@
-"""Combine the references' results with a problem's record, whichever is better.
+"""Combine the references' results with a problem's record: the better of both.
 
 known = with_record(survey(problem))
 """

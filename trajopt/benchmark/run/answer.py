@@ -2,7 +2,7 @@
 
 A message is a text in JSON, in which a solution is written as in a trial's text. A pickle would run
 the sender's code when it is read; this text does not. `unpacked` checks it like a stranger's file.
-It says no times: the judge measures them.
+It has no times, since the judge measures them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def packed(answers: Answers) -> bytes:
 
 
 def _values(message: bytes) -> int:
-    """Return at most how many values a message holds: they take more memory than its bytes."""
+    """Return an upper bound on the number of values in a message, which need memory each."""
     return sum(message.count(mark) for mark in _MARKS)
 
 
@@ -46,8 +46,8 @@ def unpacked(message: bytes, count: int) -> Answers:
     """Return the answers of a message.
 
     Raises:
-        Exception: The message is not made by `packed`, or has not `count` answers. A stranger may
-            have written it, so that any exception is possible.
+        Exception: The message was not made by `packed`, or has not `count` answers. Its author is
+            not trusted, so any exception is possible.
     """
     if _values(message) > MAX_VALUES:
         raise ValueError(TOO_MANY)

@@ -41,13 +41,13 @@ from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 
-_CHUNK_BYTES = 1 << 16  # read at once
-_TAIL_BYTES = 4096  # kept of a planner's output
+_CHUNK_BYTES = 1 << 16  # bytes read at once
+_TAIL_BYTES = 4096  # bytes of a planner's output that are kept
 _TAIL_LINES = 10
 _MEMORY_INTERVAL_S = 0.1  # between two measurements of the memory in use
 MIN_VERIFICATION_TIMEOUT_S = 60.0
 _ALARM_INTERVAL_S = 0.1  # between alarms from the end of the time on
-_EMPTY_QUESTIONS = 3  # whose shortest time is that of asking
+_EMPTY_QUESTIONS = 3  # number of empty questions; the shortest time is that of asking
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Plan tasks: which planner runs on which problem with which seeds, and what it may use."""
+"""Plan tasks: which planner runs on which problem with which seeds, within which limits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Allowance:
     Attributes:
         timeout: Wall time, s.
         memory: GiB for its process; None for no limit.
-        jobs: How many trials run side by side in processes of this machine.
+        jobs: Number of trials that run side by side in processes of this machine.
         isolation: Where it runs, in the report's words.
         echo: Whether what its planner prints goes to standard error.
     """

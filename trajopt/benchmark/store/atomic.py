@@ -1,4 +1,4 @@
-"""Files that exist whole or not at all, whatever a signal, a full disk or another run does."""
+"""Write files that exist whole or not at all, despite signals, a full disk or other runs."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from uuid import uuid4
 
 from trajopt.core.exceptions import StoreError
 
-_ORPHAN_AGE = 60.0  # s untouched, after which it is litter if its process is gone
-_LITTER_AGE = 86400.0  # s untouched, after which it is litter anyway
+_ORPHAN_AGE = 60.0  # s since the last change, after which it is removed if its process has ended
+_LITTER_AGE = 86400.0  # s since the last change, after which it is removed in any case
 
 
 Content = bytes | Callable[[Path], Any]  # bytes, or a function that fills a file
 
 
 def write(path: Path, content: Content) -> None:
-    """Temporary name in the same folder, `content` fills it, sync, rename, sync the folder.
+    """Write a file: a temporary file in the folder, sync, rename, sync of the folder.
 
     Raises `StoreError` with the system's reason; what was there before stays as it was.
     """
@@ -32,8 +32,8 @@ def write(path: Path, content: Content) -> None:
 def write_all(contents: Mapping[Path, Content]) -> None:
     """Write several files; each exists whole or not at all.
 
-    One after the other would wait for the disk twice a file: what is to be synced together goes
-    there together. Where the system refuses one, those before it are kept.
+    They are synced together; one after the other would wait for the disk twice per file. If the
+    system refuses a file, those before it are kept.
     """
     temporaries: dict[Path, Path] = {}
     for path in contents:
@@ -62,13 +62,13 @@ def _fill(path: Path, content: Content) -> None:
 
 
 def _temporary(path: Path) -> Path:
-    """A name that says whose it is: see `sweep`."""
+    """Return a temporary name with the machine and process that write it, for `sweep`."""
     owner = f"{platform.node()}~{os.getpid()}"
     return path.with_name(f".{path.stem}~{owner}~{uuid4().hex}.tmp")
 
 
 def _keep(temporaries: Mapping[Path, Path]) -> None:
-    """Give files that are filled their names; after this returns they survive a power cut."""
+    """Sync and rename filled files; after this they survive a power cut."""
     for path, temporary in temporaries.items():
         with _refusal(path):
             _sync(temporary)
@@ -82,7 +82,7 @@ def _keep(temporaries: Mapping[Path, Path]) -> None:
 
 @contextmanager
 def _refusal(path: Path) -> Iterator[None]:
-    """Turn the system's refusals into a `StoreError` that names the file."""
+    """Convert the system's errors to a `StoreError` that names the file."""
     try:
         yield
     except StoreError:
@@ -101,7 +101,7 @@ def _sync(path: str | Path) -> None:
 
 
 def sweep(*folders: Path) -> None:
-    """Remove what killed runs left half-written, never what a live one is writing."""
+    """Remove temporary files of killed runs, but none of a live run."""
     for folder in folders:
         for file in folder.glob(".*.tmp"):
             with suppress(OSError):

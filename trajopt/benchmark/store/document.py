@@ -1,4 +1,4 @@
-"""Values, solutions and problems in JSON's terms, for files and messages.
+"""Values, solutions and problems as JSON, for files and messages.
 
 Trials, best known answers and the messages of planners' processes share these functions. Numbers
 come back bit for bit. NaN and infinity are spelled out as `{"$float": "nan"}`; null stands for NaN
@@ -34,17 +34,17 @@ _ARRAY_KINDS = "biufUmM"  # NumPy's letters for numbers, truth values, texts and
 
 
 class Malformed(ValueError):
-    """A stored value that is not what its place demands."""
+    """A stored value of the wrong kind for its key."""
 
 
 # --- values ---
 
 
 def pack(value: Any) -> Any:
-    """Return a value in JSON's terms; control characters in texts are spelled out.
+    """Return a value for JSON; control characters in texts are spelled out.
 
     Raises:
-        TypeError: The value has no such terms.
+        TypeError: JSON cannot hold the value.
     """
     if value is None or isinstance(value, bool):
         return value
@@ -120,9 +120,10 @@ def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
 
 
 def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any]:
-    """Return a planner's answer in JSON's terms; raises `TypeError` as `pack` does.
+    """Return a planner's answer for JSON; raises `TypeError` as `pack` does.
 
-    Brief: its trajectory is stated joint by joint (`own_breaks`), if its breaks say its lengths.
+    With `brief`, its trajectory is stated joint by joint (`own_breaks`), if the lengths of its
+    pieces are the differences of its breaks.
     """
     table = {name: pack(getattr(solution, name)) for name in _SOLUTION}
     table["trajectory"] = None
@@ -136,7 +137,7 @@ def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any
 
 
 def trajectory_table(trajectory: Trajectory) -> dict[str, Any]:
-    """Return every number of a trajectory by its name, lengths where breaks do not say them."""
+    """Return a trajectory's arrays by name; lengths only if they differ from those of breaks."""
     table = {name: getattr(trajectory, name).tolist() for name in _TRAJECTORY}
     if not _says_lengths(trajectory):
         table["lengths"] = trajectory.lengths.tolist()
@@ -179,7 +180,7 @@ def _trajectory(table: Any) -> Trajectory | None:
 
 
 def problem_table(problem: Problem) -> dict[str, Any]:
-    """Return a problem's numbers and names in JSON's terms; null is no limit."""
+    """Return a problem's numbers and names for JSON; null is no limit."""
     limits = {key: _finite(own.numbers.tolist()) for key, own in problem.limits.kinds.items()}
     table = {
         "name": harmless(problem.name, lines=False),
@@ -233,7 +234,7 @@ def problem_of(table: Any) -> Problem:
 
 
 def _limit(key: str, rows: Any) -> Limit:
-    """A limit of stored numbers; null is none."""
+    """Return a limit from stored numbers; null is no limit."""
     try:
         numbers = np.array(rows, dtype=float)
         return named(key).of_numbers(numbers)

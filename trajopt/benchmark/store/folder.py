@@ -2,9 +2,8 @@
 
 A trial's text is written under a temporary name, synced and renamed into place, so the file exists
 whole or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the
-texts and renamed into place, never appended to. A trial without an answer, for reasons that may be
-gone the next time (it crashed, was stopped, or lacked a package), is `<id>.missing.json`, and runs
-again.
+texts and renamed into place, never appended to. A trial that crashed, was stopped or missed a
+package has the name `<id>.missing.json`, and runs again.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
 
 
 class Damaged(StoreError):
-    """A file that is not what was written; `path` is its path."""
+    """A file that was changed after it was written; `path` is its path."""
 
     def __init__(self, path: Path, reason: str) -> None:
         words = " ".join(f"{path}: {reason}".split())
@@ -46,18 +45,18 @@ class Damaged(StoreError):
 
 
 class DamagedFile(UserWarning):
-    """A damaged file was left out and the others were read, or what was damaged is mended."""
+    """A damaged file was left out while the others were read, or was written again."""
 
 
 class Unheld(UserWarning):
-    """Trials that state another verdict than the judge of this installation gives them."""
+    """Trials whose stated verdict differs from that of this installation's judge."""
 
 
 OnDamage = Callable[[Damaged], None]
 
 
 def _warn(damaged: Sequence[Damaged]) -> None:
-    """Warn of each damaged file, or of all in a line where there are many."""
+    """Warn of each damaged file, or of all in one line if there are many."""
     said = [str(error) for error in damaged]
     if len(said) > _MAX_NAMED:
         folder = damaged[0].path.parent
@@ -67,7 +66,7 @@ def _warn(damaged: Sequence[Damaged]) -> None:
 
 
 def _pass(error: Damaged) -> None:
-    """What is damaged runs again; whoever reads the folder is warned."""
+    """Do nothing with a damaged file: its trial runs again, and readers of the folder warn."""
 
 
 class Written(NamedTuple):
@@ -339,7 +338,7 @@ def _warn_of_unheld(path: Path | str, unheld: int, count: int) -> None:
 
 
 def misstated(path: Path, references: References) -> list[str]:
-    """Name what a `results.h5` has for people and its own texts do not give.
+    """Return the names of datasets of a `results.h5` that differ from its own texts.
 
     Args:
         path: The file, or its folder; a folder may have none.
@@ -386,7 +385,7 @@ def _each(files: list[Path], use: Callable[[bytes], T], damaged: OnDamage) -> It
 
 
 def _trial_files(folder: Path) -> list[Path]:
-    """One file per trial: those without an answer only until there is one.
+    """Return one file per trial; one without an answer only if there is none with one.
 
     Raises:
         WrongSchema: Another version wrote the trials.
@@ -414,7 +413,7 @@ def _id(path: Path) -> str:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Whatever a damaged file makes h5py, JSON or us raise is one error that names it."""
+    """Convert all errors of reading a damaged file to one error that names it."""
     try:
         yield
     except WrongSchema as error:
@@ -449,7 +448,7 @@ def _load(path: Path) -> bytes:
 
 
 def _holds(path: Path, text: bytes) -> bool:
-    """Return whether a file holds the same answer and verdict, at any time and speed."""
+    """Return whether a file has the same answer and verdict; times may differ."""
     if _is_unanswered(path) and path.with_name(f"{_id(path)}{_FINISHED}").exists():
         return True  # another run has finished it
     try:

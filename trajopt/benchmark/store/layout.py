@@ -1,4 +1,4 @@
-"""What `results.h5` holds for people: groups, datasets and attributes by their names.
+"""Groups, datasets and attributes of `results.h5` for other tools, by name.
 
     /problems/<name>/                     waypoints, start_velocity and other demands, limits/<kind>
     /runs/<problem>/<label>/<seed>/       the verdict, as attributes
@@ -87,7 +87,7 @@ class Group:
 
 
 def tree(trials: Sequence[Trial], references: References | None = None) -> Group:
-    """Return everything that a file of these trials has for people.
+    """Return all groups and datasets for other tools, of a file of these trials.
 
     Args:
         trials: In the order of the rows of `/trials`.
@@ -153,7 +153,7 @@ def _ascii(unit: str) -> str:
 
 
 def _run(trial: Trial, verdict: Mapping[str, Any]) -> Group:
-    """Return the group of a trial; what it lacks has no group in it."""
+    """Return the group of a trial; missing parts have no subgroup."""
     units = {own.name: own.unit for own in (*FIELDS, *ADDED_FIELDS)}
     lines = [f"{name}: {units[name]}" for name in verdict if units[name]]
     run = Group(attributes={**verdict, "units": "\n".join(lines)})
@@ -201,9 +201,9 @@ def _uses(trial: Trial) -> Iterator[tuple[str, float, int, float]]:
 def paths(trials: Sequence[Trial]) -> list[str]:
     """Return the group of each trial's run.
 
-    Of several trials of one planner's label and seed, as of two versions of its code, the one that
-    ran last has the seed alone for a name; the others have their identities behind it. So it is
-    with problems of one name, where the first one has it alone.
+    A planner may have several trials with one label and seed, for example of two versions of its
+    code. Then the one that ran last is named by its seed; the names of the others also have their
+    identities. Of several problems with one name the first is named by it alone.
     """
     problems: dict[tuple[str, str], str] = {}
     last: dict[tuple[str, str, int], Trial] = {}

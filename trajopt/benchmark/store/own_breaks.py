@@ -1,4 +1,4 @@
-"""A trajectory in JSON's terms, joint by joint: each has breaks of its own, and says what changes.
+"""A trajectory as JSON, joint by joint: each joint has its own breaks, and only what changes there.
 
     {"waypoint_times": [0, 0.5, 1],
      "joints": [[[0, 2, 0, 0.3], [0.5, -2]], [[0, 0.2]]]}
@@ -31,7 +31,7 @@ To the joint's largest position, over the mean time of a segment to the power of
 
 
 def table(trajectory: Trajectory, rtol: float = 0.0) -> dict[str, Any]:
-    """Return the trajectory in JSON's terms.
+    """Return the trajectory for JSON.
 
     Args:
         trajectory: Any.
@@ -48,10 +48,10 @@ def table(trajectory: Trajectory, rtol: float = 0.0) -> dict[str, Any]:
 
 
 def trajectory(said: Mapping[str, Any]) -> Trajectory:
-    """Return the trajectory that a table says.
+    """Return the trajectory of a table.
 
     Raises:
-        ValueError, TypeError, LookupError: It says none.
+        ValueError, TypeError, LookupError: It is not a trajectory's table.
     """
     times = np.array(said["waypoint_times"], dtype=float)
     joints = said["joints"]
@@ -63,7 +63,7 @@ def trajectory(said: Mapping[str, Any]) -> Trajectory:
 
 
 def _rows(breaks: Array, coefficients: Array, allowed: Array) -> list[Row]:
-    """The pieces of one joint; each is compared with what the rows before it lead to."""
+    """Return the rows of one joint's pieces, without coefficients that continue the last piece."""
     current = coefficients[:, 0]
     start = float(breaks[0])
     rows = [[start, *current.tolist()]]
@@ -102,5 +102,5 @@ def _joint(rows: Sequence[Row], end: float) -> tuple[Array, Array]:
 
 
 def _moved(coefficients: Array, offset: float) -> Array:
-    """A polynomial in the time since a later instant."""
+    """Return a polynomial in the time since a later instant."""
     return polynomials.shifted(coefficients, np.array(offset))

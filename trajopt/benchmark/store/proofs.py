@@ -37,7 +37,7 @@ class StoresProofs(Protocol):
 
 
 def rechecked(trial: Trial) -> tuple[str, list[str]]:
-    """Return what came of a trial's lower bound, and what does not hold.
+    """Return the result of checking a trial's lower bound, and what does not hold.
 
     The first is `PROVED_AGAIN`, `NOT_PROVED`, `NOT_RECHECKED` (its planner is not installed, or
     proves nothing), or empty where there is no bound.
@@ -77,7 +77,7 @@ def proved(trial: Trial) -> float:
 
 
 def _proved(planner: StoresProofs, trial: Trial) -> float:
-    """The bound of the stored proof; in closed form where none is stored."""
+    """Return the bound of the stored proof; without one, the bound in closed form."""
     bound = planner.stored_bound(trial.problem, trial.solution.stats)
     return end_to_end_bound(trial.problem) if bound is None else bound
 

@@ -1,4 +1,4 @@
-"""Compute again what a file states of its trials, and report what does not hold.
+"""Compute the statements of a file about its trials again, and report what does not hold.
 
 The verdict of each trial is computed from its stored trajectory, its lower bound by the planner
 that proved it, and a problem with a built-in name is compared with the built-in one. What the
@@ -23,7 +23,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 
-BOUND_RTOL = 1e-6  # by which rounding may lift a proof above a certified duration
+BOUND_RTOL = 1e-6  # a smaller excess of a proof over a certified duration, relative, is rounding
 MAX_MISSTATED = 10  # names in the summary
 
 
@@ -34,7 +34,7 @@ class CheckedTrial:
     Attributes:
         flaws: The verifier's, or why there is no trajectory.
         differences: What does not hold.
-        bound: What came of the lower bound (`proofs.rechecked`); empty where there is none.
+        bound: Result of checking the lower bound (`proofs.rechecked`); empty without a bound.
     """
 
     id: str
@@ -66,7 +66,7 @@ class Verification:
     """All trials of a file or folder, computed again.
 
     Attributes:
-        misstated: Datasets and attributes of `results.h5` that its own texts do not give.
+        misstated: Datasets and attributes of `results.h5` that differ from its own texts.
     """
 
     trials: tuple[CheckedTrial, ...]
@@ -123,7 +123,7 @@ def verification(path: Path | str, references: References | None = None) -> Veri
 
 
 def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
-    """Compute trials again; a bound must not exceed what is certified of its problem."""
+    """Compute trials again; a bound must not exceed a certified duration of its problem."""
     anew = []
     shortest: dict[str, float] = {}
     for trial in trials:

@@ -1,8 +1,8 @@
-"""Compute the verdicts of stored trials: what a file states of a motion is never believed.
+"""Compute the verdicts of stored trials again: a file's own statements are not trusted.
 
-Whoever reads trials gets the verdict of the judge of this installation on the stored motion. A
-lower bound that gaps rest on is what its stored proof proves. A verdict that was computed is kept
-in the user's cache folder, by the digests of the trial's text and of the judge.
+Trials that are read get the verdict of this installation's judge on the stored motion. The lower
+bounds behind gaps are those that the stored proofs prove. Computed verdicts are cached in the
+user's cache folder, by the digests of the trial's text and of the judge.
 """
 
 from __future__ import annotations

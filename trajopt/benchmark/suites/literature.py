@@ -45,12 +45,12 @@ class Published:
         name: of the file.
         source: paper and tables.
         problem: as it is read here; None where it cannot be stated.
-        beyond: why it cannot be.
+        beyond: why it cannot be stated.
         doi: of the paper, empty if not known.
         family: of trajectories, and the method.
         objective: what the source optimised.
         reading: how it is read here where the source leaves it open.
-        unsaid: what the source leaves unsaid, or was not read in it.
+        unsaid: what the source does not state, or what was not read in it.
         note: anything else.
         transcription: how the digits were read.
         checked: who compared them with the publisher's page.

@@ -1,4 +1,4 @@
-"""One random problem per seed: what the relations are tested on, made to break planners."""
+"""One random problem per seed, difficult for planners, to test relations between planners on."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ _LOWEST_ACCELERATION = 0.2  # rad/s²
 def random_problem(
     seed: int, *, joints: int | None = None, waypoints: int | None = None, jerk: bool = False
 ) -> Problem:
-    """A random problem: 1–7 joints and 3–8 waypoints unless given, reproducible from its seed.
+    """Return a random problem, reproducible from its seed.
 
-    It includes what breaks planners: reversals (each displacement has a random sign or the joint's
-    own), tiny segments (a hundredth to a millionth of the others), joints that rest (always or for
-    a segment), and limits up to 100:1 apart, some of them asymmetric. With `jerk`, jerk limits of
-    3 to 300 times the acceleration.
+    It has 1 to 7 joints and 3 to 8 waypoints, unless given. It includes what is difficult for
+    planners: reversals (each displacement has a random sign or the joint's own), tiny segments (a
+    hundredth to a millionth of the others), joints that rest (always or for a segment), and limits
+    up to 100:1 apart, some of them asymmetric. With `jerk`, jerk limits are 3 to 300 times the
+    acceleration limits.
     """
     rng = np.random.default_rng([GENERATOR_VERSION, seed])
     if joints is None:
@@ -66,7 +67,7 @@ def _displacements(rng: Generator, segments: int, joints: int) -> Array:
 
 
 def _signs(rng: Generator, segments: int, joints: int) -> Array:
-    """Half of the joints go one way, the others turn back at random."""
+    """Return signs: half of the joints move in one direction, the others reverse at random."""
     either = [-1.0, 1.0]
     own = rng.choice(either, joints)
     lots = rng.uniform(size=joints)
