@@ -5,6 +5,6 @@
 - `inline`: what a notebook shows;
 - `results`: the tables with their figures, as users have them.
 
-Every view is a function of a list of trials. `analysis.results.Tables` makes the tables that the
-others show.
+Every view is a function of a list of trials. `analysis.results.Tables` makes the tables; the other
+views show them.
 """

@@ -27,7 +27,7 @@ _COLUMNS = {  # columns of the table, by their names in `Results.planners()`
 
 
 def text(results: Tables) -> str:
-    """Return three lines: how many of what, the smallest median gaps, and what to call."""
+    """Return three lines: the numbers of trials, the smallest median gaps, and the next calls."""
     if not results.items:
         return NOTHING
     gaps = results.planners()["gap"].head(MAX_PLANNERS)
@@ -65,5 +65,5 @@ def _counts(results: Tables) -> str:
 
 
 def _percent(gap: float) -> str:
-    """A gap; infinite is that of a planner without an answer."""
+    """Return a gap in percent; it is infinite for a planner without an answer."""
     return table_cells.percent(gap) if np.isfinite(gap) else table_cells.gap(gap)

@@ -27,10 +27,10 @@ class Results(Tables):
         Args:
             problem: its name, for a row per planner, the shortest first; may be left out where
                 there is one problem only.
-            kind: of all problems: `profile`, the share of problems that a planner solves within a
-                factor of the best (where there are several problems, this is drawn by default);
-                `gaps`, the share within a gap to the optimum; `anytime-seconds` or
-                `anytime-evaluations`, the gap to the optimum against what was spent.
+            kind: a figure of all problems: `profile`, the share of problems that a planner solves
+                within a factor of the best (the default for several problems); `gaps`, the share
+                within a gap to the optimum; `anytime-seconds` or `anytime-evaluations`, the gap to
+                the optimum against seconds or evaluations.
 
         Raises:
             InvalidInput: There is no problem of this name, or no such figure of these trials.

@@ -12,12 +12,12 @@ MISSING = "–"
 TO_ROUNDING = "to rounding"  # in place of a share of runs that kept every limit
 NO_ANSWER = "none"  # in place of an infinite gap, duration or ratio
 ALONE = "alone"  # in place of a ratio of 0: only it has an answer
-_SMALLEST_RATIO = 5e-5  # smaller ones would be 0.0000
-_ZERO = 5e-5  # a ratio minus 1 that is 0.00 %
-ROUNDING = 1e-4  # a dilation minus 1 below it is no broken limit
-SURE = 0.05  # a difference is real where its adjusted p is below
-FEWEST_GROUPS = 6  # of fewer no signed-rank test has a p below SURE: 2/2⁵ is 0.0625
-SMALLEST_P = 0.001  # smaller ones are less than it
+_SMALLEST_RATIO = 5e-5  # smallest ratio that is printed; smaller ones would be 0.0000
+_ZERO = 5e-5  # largest gap that is printed as 0.00 %
+ROUNDING = 1e-4  # a smaller dilation minus 1 counts as no broken limit
+SURE = 0.05  # a difference is significant if its adjusted p is smaller
+FEWEST_GROUPS = 6  # with fewer groups no signed-rank test has a p below SURE: 2/2⁵ is 0.0625
+SMALLEST_P = 0.001  # smaller p-values are printed as less than this
 
 Cells = dict[str, str]
 
@@ -30,12 +30,12 @@ def number(value: float | None, form: str = ".4f") -> str:
 
 
 def duration(value: float) -> str:
-    """A median, s, unless half of the runs have no answer."""
+    """Return a median, s, as text; a word if half of the runs have no answer."""
     return NO_ANSWER if isinf(value) else number(value)
 
 
 def gap(value: float) -> str:
-    """A ratio minus 1, in %; infinite is that of a planner without an answer."""
+    """Return a ratio minus 1 in percent; it is infinite for a planner without an answer."""
     return NO_ANSWER if isinf(value) else number(100 * value, "+z.2f")
 
 
@@ -48,7 +48,7 @@ def percent(gap: float) -> str:
 
 
 def ratio(value: float, form: str = ".4f") -> str:
-    """A duration over a rival's, either of which may be infinite: without an answer."""
+    """Return a duration over a rival's, as text; either is infinite without an answer."""
     if value == 0:
         return ALONE
     if isinf(value):
@@ -57,7 +57,7 @@ def ratio(value: float, form: str = ".4f") -> str:
 
 
 def integral(value: float | None) -> str:
-    """An integral of squares: four digits, ∞ for a motion that jumps."""
+    """Return an integral of squares with four digits; ∞ for a motion that jumps."""
     if value is None or isnan(value) or isinf(value):
         return number(value)
     digits = max(0, 3 - floor(log10(value))) if value > 0 else 0
@@ -65,27 +65,27 @@ def integral(value: float | None) -> str:
 
 
 def probability(value: float) -> str:
-    """A p-value."""
+    """Return a p-value as text."""
     return f"< {SMALLEST_P}" if value < SMALLEST_P else number(value, ".3f")
 
 
 def dilation(ratio: float) -> str:
-    """A dilation of more than rounding."""
+    """Return a dilation as text, if it is more than rounding."""
     return f"× {ratio:.4f}" if ratio >= 1 + ROUNDING else MISSING
 
 
 def kept(share: float, needed: float) -> str:
-    """The share of runs that kept every limit, or that all did to rounding.
+    """Return the share of runs that kept every limit; a word if all did up to rounding.
 
     Args:
-        share: Of the runs that kept every limit as claimed.
+        share: Share of the runs that kept every limit as claimed.
         needed: Median dilation of the others; NaN where there are none.
     """
     return TO_ROUNDING if 1 < needed < 1 + ROUNDING else f"{100 * share:.0f} %"
 
 
 def of_summary(row: Any) -> Cells:
-    """The cells of a problem and planner; without a duration its lower bound, or its status."""
+    """Return the cells of a problem and planner; without a duration, its bound or status."""
     moves = not isnan(row.median)
     without = row.status if isnan(row.lower_bound) else f"≥ {row.lower_bound:.4f}"
     several = moves and row.runs > 1
@@ -103,7 +103,7 @@ def of_summary(row: Any) -> Cells:
 
 
 def of_planner(row: Any) -> Cells:
-    """The cells of a planner, over the problems on which its answers count."""
+    """Return the cells of a planner, over the problems for which it competes."""
     return {
         "problems": str(row.counted),
         "not_applicable": str(row.not_applicable),
@@ -118,7 +118,7 @@ def of_planner(row: Any) -> Cells:
 
 
 def of_pair(row: Any) -> Cells:
-    """The cells of a planner against a rival: the ratio, the chance of a shorter run, and p."""
+    """Return the cells of a planner against a rival: ratio, chance of a shorter run, p."""
     return {
         "ratio": ratio(row.ratio),
         "chance": number(row.chance, ".2f"),
@@ -129,7 +129,7 @@ def of_pair(row: Any) -> Cells:
 
 
 def evidence(row: Any) -> str:
-    """Say how a difference between two planners is known.
+    """Say what the evidence for a difference between two planners is.
 
     Args:
         row: Of `Results.paired()` or of `Results.between_seeds()`.
@@ -145,7 +145,7 @@ def evidence(row: Any) -> str:
 
 
 def _too_few(row: Any) -> str:
-    """Name what is so few that no test has a p below `SURE`; empty if there is enough of it."""
+    """Name what is too few for any test to have a p below `SURE`; empty if there is enough."""
     groups = getattr(row, "groups", None)
     if groups is None:  # runs on one problem: all of one before all of the other
         smallest = 2 / comb(round(row.runs + row.rival_runs), round(row.runs))

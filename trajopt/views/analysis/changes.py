@@ -1,4 +1,4 @@
-"""Two results of the same problems and planners: which medians moved, and which by chance.
+"""Compare two results of the same problems and planners: which medians changed significantly.
 
 changes(Results("old"), Results("new"))            # one row per problem and planner
 by_planner(Results("old"), Results("new"))         # one row per planner, over the problems
@@ -30,8 +30,8 @@ def changes(old: Tables, new: Tables) -> pd.DataFrame:
         ratio: new to old.
         pvalue: of Mann and Whitney's test between the runs, NaN unless both have several.
         holm: the same, adjusted for all rows that have one (Holm 1979).
-        moved: True if `holm` is below `SIGNIFICANCE`; without runs to test, if the medians differ
-            in 6 digits, since a deterministic planner has no chance in it.
+        moved: True if `holm` is below `SIGNIFICANCE`. Without runs to test, as with deterministic
+            planners: True if the medians differ in 6 digits.
     """
     rows = []
     for label, both in _shared(old, new):

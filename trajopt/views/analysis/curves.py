@@ -16,7 +16,7 @@ from trajopt.views.analysis import statistics
 Curves = dict[str, tuple[Array, Array]]  # x and y of each planner
 
 POINTS = 160
-GAP_FLOOR = 1e-4  # %: differences below it count as at it, where a log axis ends
+GAP_FLOOR = 1e-4  # %: smaller gaps are drawn at this value, the end of the log axis
 
 
 def everywhere(durations: pd.DataFrame) -> list[str]:
@@ -25,7 +25,7 @@ def everywhere(durations: pd.DataFrame) -> list[str]:
 
 
 def counted(durations: pd.DataFrame) -> dict[str, str]:
-    """Say of each planner that does not compete on every problem on how many it does."""
+    """Return on how many problems each planner competes, for those that do not on all."""
     every = len(durations)
     counts = durations.notna().sum()
     return {str(label): f"{n} of {every}" for label, n in counts.items() if n < every}
@@ -58,9 +58,9 @@ def profile(durations: pd.DataFrame, shortest: pd.Series[float] | None = None) -
 
 
 def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
-    """Share of problems within a gap of `x` %, of each the share of its runs that are.
+    """Return the share of problems within a gap of `x` %: of each, the share of its runs.
 
-    Gaps below `GAP_FLOOR` count as at it.
+    Gaps below `GAP_FLOOR` are drawn at `GAP_FLOOR`.
 
     Args:
         gaps: `overview.measured(Results.gaps())`; problems without a reference are left out.
@@ -81,7 +81,7 @@ def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
 
 
 def mean_shares(values: Mapping[str, Sequence[Array]], grid: Array) -> Curves:
-    """Per planner the share of values up to each of the grid, as a mean over groups of values."""
+    """Return, per planner, the share of values up to each grid value, as a mean over groups."""
     curves = {}
     for label, groups in values.items():
         shares = [statistics.ecdf(own, grid) for own in groups]
@@ -98,13 +98,13 @@ def anytime(relative: Mapping[str, Sequence[Array]]) -> Curves:
         relative: Histories of `searches.over_optimum`.
 
     Returns:
-        What was spent `(POINTS,)`, or `(1,)` of a point, and quartiles `(3, POINTS)`, +inf where
-        too few have an answer.
+        The cost `(POINTS,)`, or `(1,)` for a point, and quartiles `(3, POINTS)`, +inf where too few
+        runs have an answer.
     """
     spent = np.concatenate([run[:, 0] for runs in relative.values() for run in runs])
     first = spent[spent > 0].min()
     grid = np.geomspace(first, spent.max(), POINTS)
-    grid[-1] = spent.max()  # as rounding must not cut the last answer off
+    grid[-1] = spent.max()  # exactly: rounding must not exclude the last answer
     curves = {}
     for label, runs in relative.items():
         quartiles = 100 * (statistics.quartiles_over_runs(runs, grid) - 1)

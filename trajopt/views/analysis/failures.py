@@ -21,7 +21,7 @@ from trajopt.views.analysis.versions import by
 
 COLUMNS = ["label", "kind", "count", "worst", "unit"]
 
-_KINDS = {  # the verifier's words for one trial, and the words for many trials
+_KINDS = {  # the verifier's words for one trial, and the table's words for many
     "leaves its position limits": "leave position limits",
     "misses the waypoint": "miss a waypoint",
     "position jumps": "jump in position",

@@ -34,15 +34,15 @@ class Reference:
 
     Attributes:
         duration: s.
-        kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
-            `refined`, that of refined collocation, above the optimum by at most `REFINED_RTOL`;
-            `best known`, where the recorded motion is shorter than these; `relaxed`, where none
-            knows all limits, the largest of what they found without the limits that they ignore;
-            `lower bound`, where more than that is proved.
-        proved: No trajectory is faster, s; NaN where nothing was proved. The bound in closed form
-            counts where the reference is within `CLOSED_WITHIN` of it.
-        recorded: Where the recorded motion comes from, if it is the reference.
-        recorded_proof: Where the recorded lower bound comes from, if it is the highest.
+        kind: `exact`: the shortest certified answer of the exact planners, or of the proof.
+            `refined`: that of refined collocation, above the optimum by at most `REFINED_RTOL`.
+            `best known`: the recorded motion, if it is shorter than these. `relaxed`: if no planner
+            knows all limits, the largest duration found without the ignored limits.
+            `lower bound`: the proved bound, if it is above that.
+        proved: No trajectory takes less, s; NaN where nothing was proved. The bound in closed form
+            is used if the reference is within `CLOSED_WITHIN` of it.
+        recorded: Source of the recorded motion, if it is the reference.
+        recorded_proof: Source of the recorded lower bound, if it is the highest.
     """
 
     duration: float
@@ -101,7 +101,7 @@ def _computed(trials: Sequence[Trial]) -> Reference:
 
 
 def _is_reference(trial: Trial) -> bool:
-    """Return whether its planner, asked for an optimum, planned for all limits or kept them."""
+    """Return whether a trial is a reference: its planner knew all limits, or kept them."""
     if trial.certificate is None or not trial.certificate.valid:
         return False
     if trial.planner in PROVERS:
@@ -110,9 +110,9 @@ def _is_reference(trial: Trial) -> bool:
 
 
 def _with_record(reference: Reference, problem: Problem) -> Reference:
-    """Replace what was computed by what is recorded of the problem, where that is better.
+    """Return the better of the computed reference and the record of the problem.
 
-    The recorded motion is verified here; the proof is, by `trajopt best-known verify`.
+    The recorded motion is verified here. Its proof is not; `trajopt best-known verify` checks it.
     """
     record = records.find(problem)
     if record is None:

@@ -2,8 +2,8 @@
 
     Results("results").planners()
 
-Problems that a planner does not support, or answers without some of the limits, do not count for
-it, neither as solved nor as failed: not in tables, and not in curves (`competing`).
+A planner does not compete on problems that it does not support, or answers without some of the
+limits. For it they are neither solved nor failed, in tables and in curves (`competing`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from trajopt.views.analysis.pairwise import best_first, mean_ranks
 
 
 def competing(trials: pd.DataFrame) -> pd.DataFrame:
-    """Return the trials without those that were refused, are relaxed, or have a bound only."""
+    """Return the trials of competing planners: not refused, not relaxed, not only a bound."""
     aside = trials["status"].isin([str(Status.UNSUPPORTED), str(Status.RELAXED)])
     certified = trials["certified_duration"].notna()
     bounded = trials["lower_bound"].notna()
@@ -37,7 +37,7 @@ def measured(gaps: pd.DataFrame) -> pd.DataFrame:
 def median_gap(gaps: pd.DataFrame) -> float:
     """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
 
-    +inf: on half of them it has no answer; NaN: there is no such problem.
+    It is +inf if the planner has no answer on half of them, NaN if there is no such problem.
     """
     known = measured(gaps)
     if known.empty:
@@ -51,10 +51,10 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
 
     Columns:
         problems: that it supports.
-        counted: of these, those on which an answer of it counts.
+        counted: of these, those on which it competes.
         not_applicable: problems that it refused, or answered without some of the limits.
-        proved: of these problems, those whose reference is proved: no motion is faster by 0.1 % or
-            more, by this run's proof or that of a record.
+        proved: of these problems, those whose reference is proved within 0.1 %, by this run's
+            proof or that of a record.
         trials, solved, relaxed, failed: trials on them; of these those that are solved, those whose
             motion breaks limits that the planner ignores (or that are a lower bound and no motion),
             and the others.
@@ -66,8 +66,8 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
             is missing is worse than any.
         worst: gap of any solved trial, a ratio minus 1.
         yardstick, there: a planner that competes on the most problems (of several the one with the
-            largest median gap), and its median gap on the problems of this line, on which both
-            compete: what the gaps of lines with different problems are compared by.
+            largest median gap), and its median gap on those problems of this line on which both
+            compete. It makes the gaps of lines with different problems comparable.
         rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
         time: median wall time of a trial, s.
     """
@@ -84,7 +84,7 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
 
 
 def _yardstick(known: pd.DataFrame, gap: pd.Series[float]) -> str:
-    """Return the planner that competes on most problems, of several the longest that answers."""
+    """Return the planner that competes on most problems; of several, that of largest gap."""
     counts = known.groupby("label")["digest"].nunique()
     most = counts[counts == counts.max()].index
     return str(gap[most].replace(np.inf, -np.inf).idxmax()) if len(most) else ""

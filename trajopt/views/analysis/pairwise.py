@@ -22,7 +22,7 @@ from trajopt.core.arrays import Array
 from trajopt.explain.references import OPTIMUM
 from trajopt.views.analysis import statistics
 
-TIE_DIGITS = 6  # significant digits of a duration: those equal to so many are tied
+TIE_DIGITS = 6  # durations that are equal in this many significant digits are tied
 KEYS = ["planner", "against"]
 _PROBLEM_COLUMNS = ["digest", "group", *KEYS, "own", "theirs", "chance", "bound"]
 _PAIRED_COLUMNS = [
@@ -158,10 +158,10 @@ def pairs_by_problem(runs: pd.DataFrame, bounds: pd.Series[float] | None = None)
 
 
 def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
-    """One row per `planner` and `against`, both ways, over the problems of `pairs_by_problem`.
+    """Return one row per ordered pair `planner`, `against`, over the problems of a pair.
 
-    Over all their problems a missing answer is worse than any. The columns `both_…` are of the
-    problems on which both answer: of those alone can be said how much shorter one is.
+    A missing answer is worse than any answer. The columns `both_…` are over those problems on
+    which both planners have an answer; only there a ratio of durations exists.
 
     Columns:
         problems, groups: on which both were run, and of how many groups these are. Problems of one
@@ -172,10 +172,10 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
             in the middle; 0 or +inf where only one has an answer, NaN between the two.
         chance, low, high: mean over groups of the chance that its run is the shorter, and a 95 %
             interval (`statistics.mean_interval`).
-        proved: 1 where proved lower bounds decide the difference, without a test, or 0: one is
-            shorter wherever they differ, and each of these problems is `decided`.
+        proved: 1 where proved lower bounds decide the difference without a test, else 0: one is
+            shorter on all problems where they differ, and each of these problems is `decided`.
         decided: problems on which the shorter one is within `CLOSED_WITHIN` of the proved bound,
-            and the other further above it than a faster motion could be.
+            and the ratio of both is larger than that of the shorter one to the bound.
         pvalue: of Wilcoxon's signed-rank test over groups of problems on log ratios; where only one
             has an answer, the ratio is the largest of all.
         holm: the same, adjusted for every pair of the table that is tested, each counted once (Holm
@@ -189,10 +189,10 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
 
 
 def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
-    """One row per `planner` and `against`, both ways, over their runs on one problem.
+    """Return one row per ordered pair `planner`, `against`, over their runs on one problem.
 
-    Runs of different planners are independent samples, also where they share seeds. Left out are
-    planners with a single run, of which no spread is known.
+    Runs of different planners are independent samples, even with the same seeds. Planners with a
+    single run are left out, since their spread is not known.
 
     Args:
         runs: `Results.trials()` of one problem.
@@ -296,8 +296,8 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
 def _decided(group: pd.DataFrame) -> int:
     """Count the problems of a pair whose proved bound tells which planner is shorter.
 
-    The shorter median is within `CLOSED_WITHIN` of the bound, and the other is further above it
-    than a motion faster than it could be.
+    The shorter median is within `CLOSED_WITHIN` of the bound, and the ratio of both medians is
+    larger than that of the shorter one to the bound.
     """
     medians = group[["own", "theirs"]]
     shorter = medians.min(axis=1)

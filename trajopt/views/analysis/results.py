@@ -51,12 +51,11 @@ _OF_A_LINE = ["problem", "digest", "label"]  # shared by the trials of a line
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Tables:
-    """The trials of a run, ready for tables and figures: of each planner its last version's.
+    """The trials of a run, for tables and figures: of each planner those of its last version.
 
     Args:
-        source: the trials, or the path of a results folder, a `results.h5` or a trial file, which
-            `store.read` reads.
-        kept: which of them an earlier run had left.
+        source: the trials, or the path of a results folder, a `results.h5` or a trial file.
+        kept: which of them are from an earlier run.
 
     Raises:
         StoreError: naming the file, if it cannot be read.
@@ -119,7 +118,7 @@ class Tables:
                 their answers without the limits that they ignore; `lower bound`, where a longer
                 duration is proved;
                 `best known`, where the recorded motion (`trajopt best-known`) is shorter than all.
-            proved: no trajectory is faster, s; NaN where nothing was proved.
+            proved: no trajectory takes less, s; NaN where nothing was proved.
             recorded: where the recorded motion comes from, if it is the reference, or empty.
             recorded_proof: the same of the recorded lower bound, if it is the highest.
         """
@@ -289,7 +288,7 @@ class Tables:
         return searches.over_optimum(trials, known["reference"].to_dict(), cost)
 
     def suspicious(self) -> pd.DataFrame:
-        """Trials below the reference by more than its tolerance: each is a bug to hunt."""
+        """Return trials below the reference by more than its tolerance: bugs, or better optima."""
         table = self.gaps()
         refined = table["kind"] == "refined"
         tolerance = np.where(refined, REFINED_RTOL, BUG_RTOL)

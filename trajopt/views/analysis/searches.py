@@ -24,7 +24,7 @@ from trajopt.views.analysis import statistics
 Cost = Literal["evaluations", "seconds"]
 
 TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the optimum or the best 3-5-3, relative
-BEATEN_RTOL = 1e-6  # below the best 3-5-3 by more than this: a search of something else
+BEATEN_RTOL = 1e-6  # a search that is below the best 3-5-3 by more is no search of 3-5-3 splines
 
 
 class Histories(NamedTuple):
@@ -48,9 +48,9 @@ def histories(trials: Sequence[Trial]) -> Histories:
 
 
 def searches(problems: Sequence[Histories]) -> set[str]:
-    """Planners that kept a history on any of the problems and beat the best 3-5-3 on none.
+    """Return the planners with a history that are below the best 3-5-3 on no problem.
 
-    A planner that beats the best 3-5-3 searches other motions.
+    A planner below the best 3-5-3 searches other motions.
     """
     searching = set()
     beating = set()
@@ -89,7 +89,7 @@ def over_optimum(
     Args:
         trials: Answers of any planners.
         optima: Durations by the problem's digest, s; other problems are left out.
-        cost: What counts. With evaluations, runs that count none are left out.
+        cost: Seconds or evaluations. With evaluations, runs that count none are left out.
     """
     relative: dict[str, list[Array]] = {}
     for trial in trials:
@@ -112,7 +112,7 @@ def running_times(
 ) -> pd.DataFrame:
     """`Results.running_times()` of histories `over_best` or `over_optimum`.
 
-    A run that ended without a word of what it spent is charged its planner's longest run.
+    A run that does not state its cost gets the cost of its planner's longest run.
     """
     goals = np.atleast_1d(np.asarray(targets, dtype=float))
     rows = []

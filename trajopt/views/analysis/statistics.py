@@ -26,10 +26,10 @@ from trajopt.core.exceptions import InvalidInput
 
 Values = Array | np.float64  # a number where the runs were the only axis
 
-EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
-EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
-MAX_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
-FEWEST_ANSWERS = 10  # of a sample with missing ones, from which on a bootstrap has an interval
+EXACT_PAIRS = 50  # largest number of pairs that differ for which Wilcoxon's p is exact
+EXACT_RUNS = 60  # largest number of runs of both samples for which Mann and Whitney's p is exact
+MAX_BOOTSTRAP_VALUES = 10**6  # values drawn at a time, so that they fit into memory
+FEWEST_ANSWERS = 10  # least answers of a sample with missing ones for a bootstrap interval
 END_MARGIN = 1e-12  # distance of a chance from 0 and 1, where its variance is 0
 QUARTILES = (0.25, 0.5, 0.75)
 

@@ -1,4 +1,4 @@
-"""Select the trials that are shown: of each planner those of the version that was compared last.
+"""Select the trials to show: of each planner those of the version that was compared last.
 
     shown = newest(store.read("results"))
     shown.trials, shown.left_out
@@ -24,7 +24,7 @@ Version = tuple[str, str, str]  # planner, options and code
 
 @dataclass(frozen=True)
 class Kept:
-    """The number of a comparison's trials that an earlier run had left, and their first start."""
+    """The number of a comparison's trials that are from an earlier run, and their first start."""
 
     count: int
     total: int

@@ -2,5 +2,5 @@
 
 - `tables`: CSV and Parquet.
 - `latex`: tables for a paper.
-- `motion_file`: one certified trajectory for a controller, or as a picture.
+- `motion_file`: one certified trajectory, for a controller or as a picture.
 """

@@ -2,8 +2,8 @@
 
 write(Results("results"), Path("tables"))       # \\input{tables/planners} puts one into a paper
 
-- `planners.tex`: a line per planner, with the chance that a run of it is shorter than one of a
-  rival, and the p-value of that;
+- `planners.tex`: a line per planner, with the chance that one of its runs is shorter than one of a
+  rival, and the p-value;
 - `tests.tex`: a line per pair of planners;
 - `summary.tex`: a line per problem and planner.
 """
@@ -169,7 +169,7 @@ def escaped(name: str) -> str:
     for character in name:
         shown = character if character.isprintable() else " "
         if shown == "-" and said.endswith("-"):
-            said += "{}"  # or LaTeX makes one dash of two hyphens
+            said += "{}"  # otherwise LaTeX makes a dash of two hyphens
         said += _ESCAPED.get(shown, shown)
     return said
 

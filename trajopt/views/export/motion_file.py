@@ -1,4 +1,4 @@
-"""A certified trajectory as a file that others read: samples, a ROS message, a picture, or all.
+"""A certified trajectory as a file: samples, a ROS message, a picture, or exact polynomials.
 
 Samples for a controller are verified as executed: the breaks of the motion are moved to whole
 control cycles (`trajopt.formats.on_cycle`), the file is written, read again, joined as the
@@ -44,16 +44,16 @@ class Target:
     """A file to be written.
 
     Attributes:
-        path: Its ending says the format.
-        cycle: Of the controller, s.
-        points: Where samples are: at the motion's breaks, or every cycle. By default a message has
-            them at the breaks and a CSV file every cycle. A .json file is a message where points
-            are asked for, or else the exact piecewise polynomial with its verdict.
+        path: Its ending determines the format.
+        cycle: Control cycle, s.
+        points: Times of the samples: the motion's breaks, or every cycle. By default a message has
+            them at the breaks and a CSV file every cycle. A .json file is a message if points are
+            given; otherwise it has the exact piecewise polynomial with its verdict.
         goal: True for a message as a goal of the action `FollowJointTrajectory`.
-        units: Of the joints in a .csv file, "deg" say; by default rad and m.
+        units: Units of the joints in a .csv file, for example "deg"; by default rad and m.
 
     Raises:
-        InvalidInput: for an unknown ending, or points or a goal of what has none.
+        InvalidInput: The ending is unknown, or its format has no points or no goal.
     """
 
     path: Path
@@ -86,10 +86,10 @@ class Executed:
     """The motion that a controller makes of a written file.
 
     Attributes:
-        points: How many.
-        pieces: What joins them: cubic or quintic polynomials.
+        points: Number of points.
+        pieces: Kind of the pieces between them: cubic or quintic.
         duration: s.
-        longer: By how much than the certified trajectory, relative.
+        longer: Excess over the duration of the certified trajectory, relative.
         certificate: The verdict on the executed motion.
     """
 
@@ -115,8 +115,8 @@ def write(
     """Write a trial's certified trajectory, and judge what a controller makes of the file.
 
     Args:
-        path: The file, which is overwritten. Its ending says the format: .csv, .yaml (a ROS
-            message), .json, .png, .svg, .pdf or .h5. Or a `Target`, which has all of these.
+        path: The file, which is overwritten. Its ending determines the format: .csv, .yaml (a ROS
+            message), .json, .png, .svg, .pdf or .h5. Or a `Target`, which has all arguments.
         trial: An answer, of `trajopt.plan` or `Results.items`.
         cycle: Of the controller, s; every point is on it.
         points: Where samples are: at the motion's breaks, or every cycle (`Target`).
@@ -127,8 +127,8 @@ def write(
     Raises:
         WrongType: The second argument is no trial.
         InvalidInput: The cycle is too long for the motion.
-        StoreError: There is no certified trajectory, the file cannot be written, or what the
-            controller would run breaks a limit: then it is not kept.
+        StoreError: There is no certified trajectory, the file cannot be written, or the executed
+            motion would break a limit; then the file is not kept.
     """
     if not isinstance(trial, Trial):
         raise WrongType(
@@ -155,11 +155,11 @@ def write(
 
 
 def write_log(path: Path, found: Execution) -> bool:
-    """Write the motion within a log's digits, in the formats of `write`; tell if there is one.
+    """Write the motion within a log's digits, in the formats of `write`; return if there is one.
 
-    Of a broken log it is the slower one that keeps the limits, if one was found.
-    Samples are at the motion's breaks, so cubic pieces between them are the motion itself. A trial
-    (.h5) has the motion as its planner, and the log's verdict is not in it.
+    For a broken log it is a slower motion that keeps the limits, if one was found. Samples are at
+    the motion's breaks, so cubic pieces between them are the motion itself. A trial (.h5) states
+    the motion as its planner, without the verdict on the log.
     """
     told = found.evidence
     if told is None or (told.motion is None and told.slower is None):
@@ -264,7 +264,7 @@ def _write_executed(target: Target, trial: Trial) -> Executed:
 
 
 def _judged(trial: Trial, planned: Trajectory, motion: OnCycle, samples: Samples) -> Executed:
-    """The verdict on what a controller makes of samples that were read from a file."""
+    """Return the verdict on the motion that a controller makes of samples read from a file."""
     executed = Trajectory.from_samples(
         samples.times,
         samples.positions,

@@ -10,8 +10,8 @@ from trajopt.benchmark.store import atomic
 from trajopt.planners.planner import backend
 from trajopt.views.analysis.results import Tables
 
-# A spreadsheet takes a cell that starts with one of these for a formula, and runs it. An apostrophe
-# says that what follows is text.
+# A spreadsheet runs a cell that starts with one of these as a formula. An apostrophe in front marks
+# it as text.
 _MARKED = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")
 
 
@@ -29,10 +29,10 @@ def table(results: Tables) -> pd.DataFrame:
 
 
 def write_csv(results: Tables, path: Path) -> None:
-    """UTF-8, RFC 4180, floats with all their digits.
+    """Write a table as CSV: UTF-8, RFC 4180, floats with all their digits.
 
     Texts that a spreadsheet would run as a formula get an apostrophe in front, and so do those that
-    start with one: taking it off gives every text back. Numbers stay numbers.
+    start with an apostrophe. Removing the first one restores every text. Numbers stay numbers.
     """
     trials = table(results)
     for name in trials.select_dtypes(exclude=["number", "bool", "datetimetz"]):
@@ -57,6 +57,6 @@ def write_parquet(results: Tables, path: Path) -> None:
 
 
 def _inert(texts: pd.Series[str]) -> pd.Series[str]:
-    """The texts, marked as such where a spreadsheet would run them."""
+    """Return the texts, with an apostrophe where a spreadsheet would run them."""
     marked = texts.str.startswith(_MARKED, na=False)
     return texts.mask(marked, "'" + texts.astype(str))

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
-MOTIONS = 3  # so many planners' motions are drawn of a problem
-# Motions that readers look for, after those of their own planners.
+MOTIONS = 3  # number of planners whose motions are drawn, per problem
+# Planners whose motions are drawn after those of a user's own planners.
 LOOKED_FOR = ("toppra", "ruckig-stop", "issa")
 NAME_LENGTH = 80  # characters of a file's name
 
@@ -55,11 +55,11 @@ NAME_LENGTH = 80  # characters of a file's name
 def draw(trials: Sequence[Trial], folder: Path) -> list[Path]:
     """Draw every problem of a comparison into `folder/<problem>/`, as PNG.
 
-    `durations`; `convergence` where planners keep a history; `gaps` where any ran more than once;
-    `overlay` of a few motions on one time axis, and `motion-<label>` of each: those of planners
-    from elsewhere (of many the shortest, the middle and the longest), then TOPP-RA's, Ruckig's and
-    ISSA's, then the shortest; of several runs the median one.
-    A folder whose figures show these trials is left as it is.
+    The figures are `durations`; `convergence` if planners keep a history; `gaps` if any ran more
+    than once; `overlay` of a few motions on one time axis, and `motion-<label>` of each of them.
+    These are the motions of planners from elsewhere (of many the shortest, the middle and the
+    longest), then of TOPP-RA, Ruckig and ISSA, then the shortest ones. Of several runs the median
+    one is drawn. A folder whose figures already show these trials is left as it is.
 
     Returns:
         The files. A figure that cannot be drawn is a warning.
@@ -321,9 +321,10 @@ def _overlay(trials: Sequence[Trial], order: Sequence[str]) -> Iterator[Picture]
 
 
 def _telling(medians: Sequence[Trial]) -> list[Trial]:
-    """Return the trials of the planners that readers look for.
+    """Return the trials whose motions are drawn.
 
-    References are left out: they are drawn behind the others. Without others the first is kept.
+    References are left out, since they are drawn behind the others. If there are no others, the
+    first reference is kept.
     """
     references = {*REFERENCES, *PROVERS}
     compared = [trial for trial in medians if trial.planner not in references]
@@ -363,7 +364,7 @@ def _title(trial: Trial, trials: Sequence[Trial]) -> str:
 def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     """Return the trajectory behind all others, and its name.
 
-    It is the record, where gaps are measured against that, or the shortest of the references.
+    It is the record if gaps are measured against it, or else the shortest reference.
     """
     problem = trials[0].problem
     for reference in references(trials).values():

@@ -56,7 +56,7 @@ def _colour(planner: str) -> str:
 
 
 def _waterfall(axes: Axes, steps: Steps, colour: str) -> None:
-    """A bar up from the end of the one before for every step, and a whole one for the planner."""
+    """Draw a bar per step, each from the end of the last one, and a whole bar for the planner."""
     added = len(steps) - 1
     ends = np.array([end for _, end in steps])
     starts = np.r_[0.0, ends[:-1]]
@@ -78,7 +78,7 @@ def _waterfall(axes: Axes, steps: Steps, colour: str) -> None:
 
 
 def _numbers(axes: Axes, ends: Array) -> None:
-    """Over the first and the last bar its duration, over each other what it adds."""
+    """Write durations over the first and the last bar, and increments over the others."""
     shortest = ends[0]
     longest = ends[-1]
     labels = [f"{shortest:.4g} s"]
@@ -107,10 +107,10 @@ def limit_use(
     title: str = "",
     planner: str = "",
 ) -> Figure:
-    """The use of each limit of each moving joint, against time.
+    """Draw the use of each limit of each moving joint against time.
 
-    On top the highest use of any limit: where it is below 1, time is wasted. The optimum, if given,
-    is drawn beneath on the same time axis.
+    On top is the highest use of any limit; where it is below 1, the motion could be faster. The
+    optimum, if given, is drawn beneath on the same time axis.
 
     Args:
         problem: Has the limits.

@@ -21,9 +21,9 @@ _TICKS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)  # durations that get a label, s, 
 
 @styled
 def curve(front: Front, beside: Sequence[Beside] = ()) -> Figure:
-    """The least integral of each duration, what is proved below it, and motions as points.
+    """Draw the least integral of each duration, the proved bound below it, and motions as points.
 
-    A motion that jumps has an infinite integral: its marker stands on the upper edge.
+    A motion that jumps has an infinite integral; its marker is on the upper edge.
     """
     lines = (len(beside) + 3) / 2 + 1
     size = (_WIDTH_IN, _PANEL_IN + _LEGEND_LINE_IN * lines)

@@ -46,8 +46,8 @@ def overlay(
 ) -> Figure:
     """Draw one joint of several motions against time, with their waypoints and durations.
 
-    Below, the hardest used limit: where it is under 100 %, time is lost. The joint is the one whose
-    way takes longest at its full velocity.
+    Below is the highest use of any limit; where it is under 100 %, the motion could be faster. The
+    joint is the one whose displacements take longest at its full velocity.
 
     Args:
         problem: Has the limits and waypoints.
@@ -93,7 +93,7 @@ def overlay(
 
 
 def _busiest(problem: Problem) -> int:
-    """Return the joint whose way takes longest at its full velocity."""
+    """Return the joint whose displacements take longest at its full velocity."""
     way = np.abs(problem.displacements).sum(axis=0)
     return int(np.argmax(way / problem.limits.in_all_segments().velocity.max(axis=1)))
 

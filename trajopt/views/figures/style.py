@@ -77,9 +77,9 @@ STYLE_SHEET: dict[Any, Any] = {
 def places(labels: Iterable[str]) -> dict[str, int]:
     """Return the place of each planner's look.
 
-    A planner of this toolkit has its own, also with options; where two labels are of one planner,
-    the one with fewer options has it. Other labels get places after the toolkit's, of colours that
-    nobody here has while there are such.
+    A planner of this toolkit has its own look, also with options. If two labels are of one planner,
+    the one with fewer options has that look. Other labels get places after the toolkit's, with
+    colours that no planner shown here has, as long as there are any.
     """
     order = list(dict.fromkeys(labels))
     found: dict[str, int] = {}

@@ -148,7 +148,7 @@ class Page:
 
     @cached_property
     def unheld(self) -> str:
-        """How many trials do not hold what their files state: those are shown as computed."""
+        """Return the number of trials whose files state a wrong verdict, shown corrected."""
         trials = self.results.items
         count = sum(bool(trial.differences) for trial in trials)
         if not count:
@@ -165,12 +165,12 @@ class Page:
 
     @cached_property
     def verdict(self) -> str:
-        """What the page says, in a sentence."""
+        """Return the result of the page in a sentence."""
         return verdict.of_problem(self.results) if self.single else verdict.of_suite(self.results)
 
     @cached_property
     def durations(self) -> list[dict[str, Any]]:
-        """Of the page's only problem a line per planner, the shortest first."""
+        """Return a line per planner for the page's only problem, the shortest first."""
         return verdict.durations(self.results, self.labels)
 
     @cached_property
@@ -184,7 +184,7 @@ class Page:
 
     @cached_property
     def not_applicable(self) -> list[dict[str, Any]]:
-        """Why planners do not apply to problems: they refuse them, or ignore some of the limits."""
+        """Return why planners do not compete on problems: refusals, and ignored limits."""
         return lines.reasons(self.results.items, apply=False)
 
     @cached_property

@@ -22,7 +22,7 @@ from trajopt.views.report import suite_curves
 from trajopt.views.report.packing import rounded
 
 POINTS = 200
-LONGEST = 3  # stretches at a limit that are named
+LONGEST = 3  # number of intervals at a limit that are named
 
 
 def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
 
 
 def _without_a_quantity(problem: Problem) -> list[Limit]:
-    """Limits that are no lines in the charts of positions and their derivatives."""
+    """Return the limits that are no lines in the charts of positions and their derivatives."""
     return [own for key, own in problem.limits.kinds.items() if key not in QUANTITIES]
 
 
@@ -124,9 +124,9 @@ def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[
 
 
 def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]:
-    """The share of its time with some joint at a limit of motion, and the longest three stretches.
+    """Return the share of time with a joint at a limit of motion, and the three longest intervals.
 
-    Interruptions shorter than 1 % of the duration are passed over in the stretches.
+    Interruptions of the intervals shorter than 1 % of the duration are ignored.
     """
     motion = []
     for own in stretches(problem, trajectory):

@@ -1,6 +1,6 @@
-"""Planners against each other, and what a search costs: frames in, texts of the tables out.
+"""Tables of planners against each other and of the costs of searches: frames in, texts out.
 
-A cell is its text, and a small text behind it.
+A cell is a text and a smaller text after it.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ RATIO = ".5f"
 
 
 def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
-    """Return the rank of the planner to compare with at first: it answers on the most problems.
+    """Return the index of the planner to compare with at first: the one with the most answers.
 
-    Of several the one with the most runs, then the first.
+    Of several, the one with the most runs is taken, then the first.
     """
     runs: Counter[str] = Counter()
     solved: dict[str, set[str]] = {label: set() for label in labels}

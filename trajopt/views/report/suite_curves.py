@@ -25,8 +25,8 @@ from trajopt.views.report.packing import rounded
 Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
 BAND_POINTS = 60
-SEED_PAIRS = 30  # of planners on several problems: beyond it they are not compared on each
-TARGET = 1.01  # times the best known of its family: what counts as found
+SEED_PAIRS = 30  # largest number of pairs of planners that are compared on each of several problems
+TARGET = 1.01  # a run within this factor of the best of its family counts as a success
 
 
 def suites(page: Page) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""What a report says first: a sentence, and for one problem durations and motions."""
+"""The first part of a report: a sentence, and for one problem durations and motions."""
 
 from __future__ import annotations
 
