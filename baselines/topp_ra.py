@@ -8,6 +8,8 @@ far end).
 
 Between gridpoints the path acceleration is constant. So `s(t)` is quadratic, and the answer is a
 piecewise polynomial of twice the path's degree, composed exactly.
+
+Where the motion begins or ends with a velocity, the path begins or ends along it.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
+from trajopt.core.demand import END_VELOCITIES
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -54,6 +57,14 @@ _WIDER = 1 + 1e-6
 _KNOT_STEP = 0.3
 # More than any path speed, in units of the cheapest uniform one.
 _FREE_SPEED = 1e2
+# Rounding of a path speed at the start, relative.
+_SPEED_RTOL = 1e-7
+# A path leaves along a velocity if it differs by less, relative.
+_PARALLEL_RTOL = 1e-6
+# Tried lengths of the path's tangent where the motion begins or ends with a velocity, relative to
+# the segment's mean, until so many of them can be followed.
+_TANGENTS = tuple(2.0 ** np.arange(-1, 7))
+_FOLLOWED = 2
 
 
 @dataclass(frozen=True)
@@ -67,7 +78,8 @@ class ToppRa(Planner):
     - `search`: number of splines more, for which Nelder and Mead's simplex moves the knots of the
       best one.
 
-    `"best"` tries all rules and keeps the shortest certified duration.
+    `"best"` tries all rules and keeps the shortest certified duration. With a velocity at an end
+    the spline's tangent there is along it, in several lengths, in place of that end's rule.
     """
 
     knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
@@ -76,7 +88,7 @@ class ToppRa(Planner):
     search: int = 0
 
     requires = ("toppra",)
-    knows = ("velocity", "acceleration", "segment")
+    knows = ("velocity", "acceleration", "segment", *END_VELOCITIES)
 
     def __post_init__(self) -> None:
         if self.gridpoints < 10:
@@ -95,26 +107,49 @@ class ToppRa(Planner):
 
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        solutions = {}
-        for knot_rule, end_rule in rules(self.knots, self.ends):
-            path = spline(problem, knot_rule, end_rule)
-            solution = along(problem, path, gridpoints=self.gridpoints)
-            solutions[f"{knot_rule}/{end_rule}"] = solution
+        solutions: dict[str, Solution] = {}
+        tried = rules(self.knots, self.ends)
+        if all(key in problem.demands for key in END_VELOCITIES):
+            # no end is left to which the end rule applies
+            tried = [*{rule[0]: rule for rule in tried}.values()]
+        for rule in tried:
+            solutions |= self._timed(problem, *rule)
         best = replace(best_of(problem, solutions), evaluations=len(solutions))
         if self.search and best.trajectory is not None and problem.segments > 1:
             return self._searched(problem, best)
         return best
 
+    def _timed(self, problem: Problem, knot_rule: Knots, end_rule: Ends) -> dict[str, Solution]:
+        """Return the timing of a rule's spline; with velocities at the ends, for several tangents.
+
+        They grow until the path can be followed: a longer tangent bends less.
+        """
+        name = f"{knot_rule}/{end_rule}"
+        if problem.route.at_rest:
+            path = spline(problem, knot_rule, end_rule)
+            return {name: along(problem, path, gridpoints=self.gridpoints)}
+        solutions = {}
+        followed = 0
+        for tangent in _TANGENTS:
+            path = spline(problem, knot_rule, end_rule, tangent)
+            solution = along(problem, path, gridpoints=self.gridpoints, again=False)
+            solutions[f"{name}/{tangent:g}"] = solution
+            followed += solution.trajectory is not None
+            if followed == _FOLLOWED:
+                break
+        return solutions
+
     def _searched(self, problem: Problem, best: Solution) -> Solution:
         """Return the best of the splines whose knots a simplex search places."""
         from scipy.optimize import minimize
 
-        knot_rule, end_rule = best.stats["spline"].split("/")
+        knot_rule, end_rule, *length = best.stats["spline"].split("/")
+        tangent = float(*length) if length else 1.0
         found = [(_cost(problem, best), best)]
 
         def cost(logs: Array) -> float:
             at = np.exp(np.r_[0.0, logs]) * steps(problem, knot_rule)
-            path = spline(problem, at, end_rule)
+            path = spline(problem, at, end_rule, tangent)
             solution = along(problem, path, gridpoints=self.gridpoints)
             found.append((_cost(problem, solution), solution))
             return found[-1][0]
@@ -162,22 +197,31 @@ def steps(problem: Problem, knots: Knots) -> Array:
     return np.sqrt(chords)
 
 
-def spline(problem: Problem, knots: Knots | Array, ends: Ends) -> Trajectory:
+def spline(problem: Problem, knots: Knots | Array, ends: Ends, tangent: float = 1.0) -> Trajectory:
     """Return the cubic spline through the waypoints, before it is timed.
 
     `knots` is a rule, or the growth of the parameter in each segment, `(segments,)`. No two
     consecutive waypoints may be identical. The spline's "time" is the path parameter. Not-a-knot
-    is a parabola with three waypoints, a line with two.
+    is a parabola with three waypoints, a line with two. Where the motion begins or ends with a
+    velocity, the path's derivative is along it, `tangent` times as long as the segment's mean.
     """
     import scipy  # late: planners that are only listed need none of it
 
     growth = steps(problem, knots) if isinstance(knots, str) else knots
     at = np.r_[0.0, np.cumsum(growth)]
-    cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends)
+    conditions: list[Any] = [ends, ends]
+    means = np.linalg.norm(problem.displacements, axis=1) / growth
+    for end, state in ((0, problem.route.start), (-1, problem.route.end)):
+        speed = np.linalg.norm(state.velocity)
+        if speed > 0:
+            conditions[end] = (1, tangent * means[end] * state.velocity / speed)
+    cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=tuple(conditions))
     return Trajectory(at, cubics.c, at)
 
 
-def along(problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000) -> Solution:
+def along(
+    problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000, again: bool = True
+) -> Solution:
     """Return the fastest timing of a trajectory's path under velocity and acceleration limits.
 
     The robot rests at both ends. Where the path stands still (`q'(s) = 0`), as that of a trajectory
@@ -187,8 +231,12 @@ def along(problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000) -
     A 3-5-3 spline leaves and reaches rest along a line `q0 + d s^m`, `m ≥ 3`. The fastest path
     speed there is infinite, so the line itself becomes the path, from path speed 0.
 
+    Where the problem's motion begins or ends with a velocity, the path must leave along it: its
+    speed is fixed there.
+
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
-    the whole. The limits hold at the gridpoints only: verify the answer.
+    the whole. The limits hold at the gridpoints only: verify the answer. A path that cannot be
+    followed is tried `again` with limits wider by 1e-6, and on a finer grid.
     """
     known = problem.without("jerk").limits.in_all_segments()
     scale = sampled_dilation(known, trajectory)
@@ -196,11 +244,36 @@ def along(problem: Problem, trajectory: Trajectory, *, gridpoints: int = 1000) -
         trajectory = trajectory.refined(trajectory.waypoint_times)
     trajectory = _straightened(trajectory)
     trajectory = _reversed(_straightened(_reversed(trajectory)))
-    for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
-        solution = _along(problem.limits, trajectory, size, scale, wider)
+    speeds = _end_speeds(problem, trajectory)
+    if isinstance(speeds, str):
+        return Solution(Status.UNSUPPORTED, message=speeds)
+    tries = ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER))
+    for size, wider in tries if again else tries[:1]:
+        solution = _along(problem.limits, trajectory, size, scale, wider, speeds)
         if solution.trajectory is not None:
             break
     return solution
+
+
+def _end_speeds(problem: Problem, path: Trajectory) -> list[float] | str:
+    """Return the path's speed at both ends, or why the motion cannot begin or end along it.
+
+    The speed is a rate of the path's parameter; NaN where the motion rests.
+    """
+    speeds = []
+    states = {"start": problem.route.start, "end": problem.route.end}
+    slopes = path([0.0, path.duration], order=1)
+    for (word, state), slope in zip(states.items(), slopes, strict=True):
+        velocity = state.velocity
+        size = float(np.linalg.norm(velocity))
+        steepness = float(slope @ slope)
+        speed = float(velocity @ slope) / steepness if steepness > 0 else 0.0
+        if size == 0:
+            speed = np.nan
+        elif not np.linalg.norm(velocity - max(speed, 0) * slope) <= _PARALLEL_RTOL * size:
+            return f"TOPP-RA: the path does not leave along the {word} velocity"
+        speeds.append(speed)
+    return speeds
 
 
 def sampled_dilation(limits: Limits, path: Trajectory) -> float:
@@ -223,9 +296,23 @@ def sampled_dilation(limits: Limits, path: Trajectory) -> float:
 
 
 def _along(
-    limits: Limits, trajectory: Trajectory, gridpoints: int, scale: float, wider: float
+    limits: Limits,
+    trajectory: Trajectory,
+    gridpoints: int,
+    scale: float,
+    wider: float,
+    speeds: list[float],
 ) -> Solution:
-    """Time the path on one grid; `scale` is about the dilation that its own timing needs."""
+    """Time the path on one grid.
+
+    Args:
+        limits: Of the problem.
+        trajectory: The path.
+        gridpoints: About how many steps.
+        scale: About the dilation that the path's own timing needs.
+        wider: Factor on the limits.
+        speeds: Of the path at both ends (`_end_speeds`).
+    """
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
@@ -234,13 +321,17 @@ def _along(
     )
     slopes = np.abs(path([0.0, path.duration], order=1))
     use = (slopes / own_limits.in_all_segments().velocity[:, 1]).max(axis=1)
-    highest = np.where(use <= _STILL_RTOL, _FREE_SPEED, 0.0)
+    # in gridpoints per unit
+    given = np.array(speeds) * gridpoints / trajectory.duration * unit
+    at_rest = np.isnan(given)
+    lowest = np.where(at_rest, 0.0, given)
+    highest = np.where(at_rest & (use <= _STILL_RTOL), _FREE_SPEED, lowest)
     segment = path.segments_at(grid.at[:-1] + grid.step / 2)
     limited = tuple(
         pairs[None] if pairs.ndim == 2 else pairs[segment]
         for pairs in (own_limits.velocity, own_limits.acceleration)
     )
-    path_speeds, reason = _path_speeds(grid, limited, *highest.tolist())
+    path_speeds, reason = _path_speeds(grid, limited, lowest, highest)
     if path_speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
     retimed = timed(grid, path_speeds / unit, path.waypoint_times)
@@ -251,7 +342,9 @@ def _along(
 def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
     """Return the solution of the shortest certified duration, with all results in `stats`.
 
-    A single solution is returned without being verified here.
+    A single solution is returned without being verified here. Where velocities at the ends are
+    asked, verification may take long: there a motion that claims more than the shortest certified
+    one is not verified, and its result is what it claims, s.
     """
     if len(solutions) == 1:
         ((rule, only),) = solutions.items()
@@ -259,18 +352,29 @@ def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
     results: dict[str, Any] = {}
     # valid ones first, then invalid ones, then failures
     ranks: dict[str, tuple[int, float]] = {}
-    for rule, solution in solutions.items():
+    shortest = np.inf
+    claims = {
+        rule: np.inf if solution.trajectory is None else solution.trajectory.duration
+        for rule, solution in solutions.items()
+    }
+    for rule in sorted(solutions, key=lambda rule: claims[rule]):
+        solution = solutions[rule]
         if solution.trajectory is None:
             results[rule] = solution.message
             ranks[rule] = (2, 0.0)
             continue
+        if not problem.route.at_rest and claims[rule] >= shortest:
+            results[rule] = claims[rule]
+            continue
         certificate = verify(problem, solution.trajectory)
+        shortest = min(shortest, certificate.certified_duration or np.inf)
         flaws = "; ".join(certificate.flaws)
         results[rule] = certificate.certified_duration or flaws
         dilated = certificate.duration * certificate.dilation
         ranks[rule] = (int(not certificate.valid), dilated)
-    winner = min(ranks, key=lambda rule: ranks[rule])
+    winner = min((rule for rule in solutions if rule in ranks), key=lambda rule: ranks[rule])
     best = solutions[winner]
+    results = {rule: results[rule] for rule in solutions}
     stats = {"spline": winner, **best.stats, **results}
     return replace(best, stats=stats)
 
@@ -362,12 +466,12 @@ def cut(path: Trajectory) -> PathGrid:
 
 
 def _path_speeds(
-    grid: PathGrid, limits: tuple[Array, ...], highest_start: float, highest_end: float
+    grid: PathGrid, limits: tuple[Array, ...], lowest: Array, highest: Array
 ) -> tuple[Array | None, str]:
     """Return the path speed at every gridpoint, or None and the reason.
 
     `limits` of velocity and acceleration are `(N, joints, 2)`, or `(1, joints, 2)` where all steps
-    have the same. `highest_start` and `highest_end` are the highest speeds allowed at both ends.
+    have the same. `lowest` and `highest` are the speeds allowed at both ends.
     """
     interval = grid.at[[0, -1]]
     algorithm = backend("toppra").algorithm.TOPPRA(
@@ -376,13 +480,16 @@ def _path_speeds(
         gridpoints=grid.at,
         solver_wrapper="seidel",
     )
-    controllable = algorithm.compute_controllable_sets(0.0, highest_end)
+    controllable = algorithm.compute_controllable_sets(float(lowest[1]), float(highest[1]))
     if not np.isfinite(controllable).all():
         return None, "the path cannot be followed to its end"
     # the package takes a single end speed; here the whole interval is allowed
     algorithm.compute_controllable_sets = lambda *_: controllable
-    fastest = float(np.sqrt(controllable[0, 1]))
-    algorithm.compute_parameterization(min(highest_start, fastest), 0.0)
+    slowest, fastest = np.sqrt(controllable[0])
+    start = np.clip(highest[0], slowest, fastest)
+    if not lowest[0] * (1 - _SPEED_RTOL) <= start <= highest[0] * (1 + _SPEED_RTOL):
+        return None, "the path cannot be followed from its velocity at the start"
+    algorithm.compute_parameterization(float(start), 0.0)
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
         return None, data.return_code.value

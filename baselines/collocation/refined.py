@@ -20,14 +20,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation.uniform import CollocationGrid, Nodes, transcription
+from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, transcription
 from baselines.exact.acceleration.planner import Exact, starting_points
 from baselines.exact.jerk import ExactJerk, one_sided
 from baselines.exact.method.scaled import Scaled
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
+from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -55,6 +55,8 @@ _AGREEMENT_SHARE = 0.1
 _MORE_REFINEMENTS = 2
 # Factor on the number of starts while all have failed.
 _MORE_STARTS = 4
+# Least time of a segment in such a start, in mean stop times; within tolerance it may be 0.
+_BRIEFEST = 1e-6
 # Least duration of a start, relative to the motion without limits that count positions.
 _SLOWER = 1.3
 
@@ -74,7 +76,7 @@ class CollocationRefined(Planner):
 
     on_request = True
     requires = ("casadi",)
-    knows = (*LIMIT_NAMES, FallingVelocity.key, "segment")
+    knows = KNOWN
 
     def __post_init__(self) -> None:
         if not 0 < self.error < np.inf:
@@ -214,9 +216,9 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
     yield grid.stopping()
     if relaxed:
         at = relaxed.waypoint_times
-        times = np.diff(at) / grid.unit
+        times = np.maximum(np.diff(at) / grid.unit, _BRIEFEST)
         velocities = relaxed(at, order=1)
-        inner = velocities[1:-1] * grid.unit / grid.scale
+        inner = velocities[grid.free] * grid.unit / grid.scale
         factor = max(_SLOWER, grid.dilation(relaxed))
         yield grid.cubics(factor * times, inner / factor)
     scaled = Scaled(grid.problem.without("jerk", *POSITION_DEPENDENT))

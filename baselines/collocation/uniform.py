@@ -15,6 +15,7 @@ limit is supported. With `free` nodes each joint chooses the lengths of its own 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -22,10 +23,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.collocation import falling
+from baselines.exact.acceleration import gaps
 from baselines.exact.jerk import one_sided
+from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
@@ -33,8 +37,12 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.reductions import SIMPLEST, reduced
-from trajopt.planners.rest_to_rest import stop_times
 
+# Every kind of limit and every demand but waits, which part the way.
+KNOWN = (
+    *(*LIMIT_NAMES, FallingVelocity.key, "segment"),
+    *(key for key, demand in DEMANDS.items() if not demand.splits),
+)
 # An expression of constraints with its lowest and highest values.
 Constraints = tuple[Any, Any, Any]
 
@@ -75,7 +83,7 @@ class Collocation(Planner):
     intervals: int = 20
 
     requires = ("casadi",)
-    knows = (*LIMIT_NAMES, FallingVelocity.key, "segment")
+    knows = KNOWN
 
     def __post_init__(self) -> None:
         if self.intervals < 2:
@@ -86,14 +94,18 @@ class Collocation(Planner):
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """Return a local optimum from a straight-line start that stops at every waypoint."""
+        """Return a local optimum from a straight-line start that stops at every waypoint.
+
+        With velocities at the ends, the shortest one of this start and of one in every interval of
+        time in which a joint passes the waypoints beside the ends (`baselines.exact`).
+        """
         intervals = self.intervals * cells(problem)
         announce("collocation", problem, _SECONDS_PER_INTERVAL * intervals)
         grid = CollocationGrid(problem, self.intervals)
         began = time.perf_counter()
         solve = transcription(grid)
         setup_time = time.perf_counter() - began
-        optimum = solve(grid, grid.stopping())
+        optimum = min((solve(grid, start) for start in grid.starts()), key=_rank)
         stats = {"ipopt_status": optimum.status}
         if not optimum.success:
             message = f"IPOPT: {optimum.status}"
@@ -130,21 +142,32 @@ class CollocationOptimum(NamedTuple):
     nodes: Nodes
 
 
+def _rank(optimum: CollocationOptimum) -> tuple[bool, float]:
+    return not optimum.success, float(optimum.nodes.times.sum())
+
+
 class CollocationGrid:
     """Joints, which all move, in their own units: mean stop time, acceleration limits of order one.
 
     Attributes:
         intervals: Number of intervals per segment.
         smooth: Which joints have a jerk limit.
-        resting: Waypoints and joints without velocity: both ends, and waypoints on a position
-            limit. Their velocity is fixed, or the NLP would have no interior.
+        ends: Velocity and acceleration at both ends, `(2 ends, 2, joints)`.
+        free: The waypoints whose states are variables: the inner ones, and the last one of a closed
+            motion.
+        held: Waypoints and joints whose velocity is fixed: both ends, and waypoints on a position
+            limit, where it is 0, or the NLP would have no interior. A closed motion's ends are
+            free.
+        resting: Those of them without velocity.
+        still: Joints that begin, and end, without velocity and acceleration, `(2 ends, joints)`.
+        tolerance: How far waypoints may be missed, `(waypoints, joints)`.
     """
 
     def __init__(self, problem: Problem, intervals: int) -> None:
         limits = problem.limits
         waypoints = problem.waypoints
-        stop = stop_times(problem)
-        unit = float(stop.mean())
+        scaled = Scaled(problem)
+        unit = scaled.unit
         tightest = limits.in_all_segments()
         scale = np.abs(tightest.acceleration).min(axis=1) * unit**2
 
@@ -153,7 +176,7 @@ class CollocationGrid:
         self.unit = unit
         self.scale = scale
         self.origin = waypoints[0]
-        self.stop = stop / unit
+        self.stop = scaled.stop
         self.waypoints = (waypoints - self.origin) / scale
         # (2, joints): lowest and highest
         self.position = (limits.position.T - self.origin) / scale
@@ -163,9 +186,21 @@ class CollocationGrid:
         self.jerk = _by_side(limits.jerk) / scale * unit**3
         self.smooth = tuple(np.isfinite(self.jerk).any(axis=(0, 1)).tolist())
         self.boxed = problem.has("position")
+        route = problem.route
+        self.closed = scaled.closed
+        self.tolerance = route.demand("tolerance") / scale
+        self.least = scaled.least
+        self.given = "given_times" in problem.demands
+        self.ends = np.array([route.start, route.end]) / scale
+        self.ends *= np.array([unit, unit**2])[:, None]
+        self.free = slice(1, None if self.closed else -1)
+        self.still = ~self.ends.any(axis=1) & (not self.closed)
         distances = np.abs(self.waypoints[:, None] - self.position)
-        self.resting = distances.min(axis=1) <= _TOUCH_DISTANCE
-        self.resting[[0, -1]] = True
+        self.held = (distances.min(axis=1) <= _TOUCH_DISTANCE) & (self.tolerance == 0)
+        self.resting = self.held.copy()
+        if not self.closed:
+            self.held[[0, -1]] = True
+            self.resting[[0, -1]] = self.ends[:, 0] == 0
         self.falling = falling.of(problem, unit, scale, self.origin)
         self.slower = 1.0
         if any(self.falling.limited):
@@ -187,20 +222,31 @@ class CollocationGrid:
     def stopping(self) -> Nodes:
         """Return IPOPT's start: stopping at every waypoint, in twice the stop times or more."""
         times = 2 * self.slower * self.stop
-        return self.cubics(times, np.zeros_like(self.waypoints[1:-1]))
+        return self.cubics(times, np.zeros_like(self.waypoints[self.free]))
+
+    def starts(self) -> Iterator[Nodes]:
+        """Yield `stopping`, and with velocities at the ends a start beside every gap in time."""
+        yield self.stopping()
+        if self.problem.route.at_rest:
+            return
+        scaled = Scaled(self.problem, jerk=False)
+        speed = scaled.units[2] * self.unit / self.scale
+        for times, velocities in gaps.starts(scaled):
+            yield self.cubics(times * scaled.unit / self.unit, velocities * speed)
 
     def cubics(self, times: Array, velocities: Array) -> Nodes:
         """Return equal intervals of one cubic per segment.
 
         Args:
             times: Segment times, `(segments,)`.
-            velocities: At inner waypoints, `(segments - 1, joints)`.
+            velocities: At the `free` waypoints, rows of `(joints,)`.
         """
         t = times[:, None, None]
         h = np.diff(self.waypoints, axis=0)[:, None]
         start = self.waypoints[:-1, None]
-        rest = np.zeros_like(self.waypoints[:1])
-        ends = np.vstack([rest, velocities, rest])[:, None]
+        before, after = self.ends[:, 0]
+        rows = [velocities[-1:], velocities] if self.closed else [before, velocities, after]
+        ends = np.vstack(rows)[:, None]
         s = np.arange(self.intervals)[:, None] / self.intervals
 
         # q(s) = q0 + u t s + (3h − 2ut − wt) s² + (ut + wt − 2h) s³, with s = time/t
@@ -217,10 +263,10 @@ class CollocationGrid:
         equal = np.repeat(times / self.intervals, self.intervals)
         return Nodes(
             times,
-            equal[:, None] + rest,
+            np.tile(equal[:, None], len(self.scale)),
             self._joined(q, self.waypoints[-1:]),
-            self._joined(v, rest),
-            self._joined(a, rest),
+            self._joined(v, ends[-1]),
+            self._joined(a, self.ends[1:, 1]),
         )
 
     def _joined(self, states: Array, end: Array) -> Array:
@@ -232,7 +278,7 @@ class CollocationGrid:
 
         `(intervals, joints)` each: lowest and highest of the first, then of the second. Beside a
         waypoint at rest one coefficient is that waypoint and needs no bound (the single one without
-        jerk limits, on either side). At both ends acceleration vanishes too: both are free.
+        jerk limits, on either side). Where acceleration vanishes at an end too, both are free.
         """
         size = self.intervals
         pieces = len(self.stop) * size
@@ -245,7 +291,7 @@ class CollocationGrid:
         first |= second & single
         tables = []
         for free in (first, second):
-            free[[0, -1]] = True
+            free[[0, -1]] |= self.still
             tables += [np.where(free, -np.inf, low), np.where(free, np.inf, high)]
         return tables
 
@@ -339,6 +385,7 @@ class Transcription:
         smooth: tuple[bool, ...],
         boxed: bool,
         falls: tuple[bool, ...],
+        closed: bool,
         free: bool,
     ) -> None:
         ca = backend("casadi")
@@ -378,6 +425,9 @@ class Transcription:
         constraints: list[Constraints] = [(longest - duration, 0.0, np.inf)]
         for joint, is_smooth in enumerate(smooth):
             constraints += self._joint(motion, joint, limits, is_smooth, positions if boxed else [])
+        if closed:
+            zero = ca.DM.zeros(1, joints)
+            constraints += [(own[0, :] - own[-1, :], zero, zero) for own in (x.v, x.a)]
         options = _OPTIONS
         objective = duration
         if free:
@@ -530,9 +580,12 @@ class Transcription:
         rests, both bounds of a state are equal.
         """
         h = np.diff(grid.waypoints, axis=0)
+        h = np.sign(h) * np.maximum(np.abs(h) - grid.tolerance[1:] - grid.tolerance[:-1], 0)
         shortest = np.maximum(h / grid.velocity[1], h / grid.velocity[0]).max(axis=1)
+        shortest = np.maximum(shortest, grid.least)
+        longest = np.full_like(shortest, grid.longest)
         interval = np.repeat(_SHORTEST_SHARE * shortest / self.intervals, self.intervals)
-        times = (shortest, np.full_like(shortest, grid.longest))
+        times = (shortest, grid.least if grid.given else longest)
         lengths = (
             np.tile(interval[:, None], (1, self.joints)),
             np.full(self.shapes.lengths, grid.longest),
@@ -543,9 +596,12 @@ class Transcription:
             q = np.tile(grid.position[side], every_node)
             v = _at_nodes(grid.velocity_bounds()[side], side)
             a = _at_nodes(grid.of_intervals(grid.acceleration)[side], side)
-            q[:: self.intervals] = grid.waypoints
-            v[:: self.intervals][grid.resting] = 0.0
-            a[[0, -1]] = 0.0
+            missed = grid.tolerance if side else -grid.tolerance
+            within = np.clip(grid.waypoints + missed, *grid.position)
+            q[:: self.intervals] = np.where(missed, within, grid.waypoints)
+            v[:: self.intervals][grid.held] = 0.0
+            if not grid.closed:
+                v[[0, -1]], a[[0, -1]] = grid.ends[:, 0], grid.ends[:, 1]
             a[:, ~np.array(grid.smooth)] = 0.0
             bounds.append(Nodes(times[side], lengths[side], q, v, a))
         low, high = bounds
@@ -568,7 +624,7 @@ def _at_nodes(of_intervals: Array, side: int) -> Array:
 def transcription(grid: CollocationGrid, *, free: bool = False) -> Transcription:
     """Return the NLP of a grid, built once for its size; `free`: with free nodes."""
     size = (grid.problem.segments, grid.intervals)
-    return _built(*size, grid.smooth, grid.boxed, grid.falling.limited, free)
+    return _built(*size, grid.smooth, grid.boxed, grid.falling.limited, grid.closed, free)
 
 
 _built = lru_cache(maxsize=32)(Transcription)

@@ -1,5 +1,6 @@
 """TOPP-RA: composition against evaluation, closed-form times, and a path's own timing."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import toppra
 from test_ruckig import random_problem
 
 from baselines import topp_ra
+from baselines.exact.acceleration import Exact
 from baselines.topp_ra import ToppRa, along, spline
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -203,3 +205,40 @@ def test_a_search_of_the_knots_is_no_longer_than_any_rule_and_counts_its_splines
     assert candidates(searched) == candidates(rules)
     one = ToppRa(knots="chord", ends="natural", gridpoints=100).solve(problem)
     assert one.evaluations == 1
+
+
+def test_a_straight_path_in_motion_takes_the_least_time():
+    demands = {"start_velocity": [1.0, -2.0], "end_velocity": [0.5, -1.0]}
+    problem = Problem([[0, 0], [1, -2]], Limits([9.0, 9.0], [2.0, 4.0]), demands=demands)
+    solution = ToppRa(knots="chord", ends="natural").solve(problem)
+    peak = np.sqrt(2 * 1 + (1 + 0.25) / 2)
+    assert certified(problem, solution) == pytest.approx((2 * peak - 1.5) / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motion_in_motion_begins_and_ends_along_its_velocities(seed):
+    drawn = random_problem(seed).merged()[0]
+    V = drawn.limits.velocity[:, 1]
+    demands = {"start_velocity": 0.4 * V * (-1) ** seed, "end_velocity": 0.2 * V}
+    problem = replace(drawn, demands=demands)
+    optimum = certified(problem, Exact().solve(problem))
+    planner = ToppRa(knots="limit", ends="natural", gridpoints=100)
+    assert certified(problem, planner.solve(problem)) >= optimum * (1 - 1e-9)
+
+
+def test_a_path_that_does_not_leave_along_the_velocity_is_refused():
+    demands = {"start_velocity": [1.0, 0.5]}
+    problem = Problem([[0, 0], [1, -2]], Limits([9.0, 9.0], [2.0, 4.0]), demands=demands)
+    line = Trajectory([0, 1], np.array([[[1.0, -2.0]], [[0.0, 0.0]]]), [0, 1])
+    assert "does not leave along the start velocity" in along(problem, line).message
+    backwards = replace(problem, demands={"start_velocity": [-1.0, 2.0]})
+    assert "does not leave along the start velocity" in along(backwards, line).message
+
+
+def test_an_optimum_in_motion_keeps_its_own_timing():
+    demands = {"start_velocity": [0.6, -0.2], "end_velocity": [0.0, 0.3]}
+    limits = Limits([1.0, 1.2], [2.0, 3.0])
+    problem = Problem([[0, 0], [1, -0.4], [1.5, 0.5]], limits, demands=demands)
+    motion = Exact().solve(problem).trajectory
+    timed = along(problem, motion)
+    assert certified(problem, timed) == pytest.approx(motion.duration, rel=1e-3)

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core import polynomials
+from trajopt.core import dwell, polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import ActiveLimit, active_limits, scattered
 from trajopt.explain.references import (
@@ -229,10 +230,23 @@ def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
         reason = planner.unsupported(problem)
         if reason is not None:
             return ReferenceAnswer(None, reason)
-        answer = judged(problem, planner, planner.along(problem, own))
+        answer = judged(problem, planner, _along(planner, problem, own))
     except TrajoptError as error:
         return ReferenceAnswer(None, str(error))
     return _shorter(own, answer)
+
+
+def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
+    """The planner's timing of the trajectory's path, part by part where it waits in between."""
+    if not planner.splits(problem):
+        return planner.along(problem, own)
+    cut = dwell.cut(problem, own) or []
+    parts = zip(dwell.parts(problem), cut, strict=True)
+    answers = [planner.along(part, own.motion) for part, own in parts]
+    motions = [answer.trajectory for answer in answers if answer.trajectory is not None]
+    if len(motions) < len(answers):
+        return next(answer for answer in answers if answer.trajectory is None)
+    return Solution(Status.SOLVED, dwell.joined(problem, motions))
 
 
 def _best_spline(problem: Problem, own: Trajectory) -> ReferenceAnswer:

@@ -173,3 +173,34 @@ def test_intervals_that_change_nothing_stay_where_they_start() -> None:
     stretch = start.times / optimum.nodes.times
     idle = optimum.nodes.lengths[:, 1] * np.repeat(stretch, 8)
     assert idle == pytest.approx(start.lengths[:, 1], rel=0.05)
+
+
+def test_a_joint_that_begins_too_fast_comes_back() -> None:
+    # it stops after 2 s and 2 rad, 1 rad too far, and is back at rest 2 s later
+    limits = Limits([9.0, 9.0], [1.0, 1.0])
+    problem = Problem([[0, 0], [1, 1]], limits, demands={"start_velocity": [2.0, 0.0]})
+    assert duration(problem) == pytest.approx(4.0, rel=1e-6)
+
+
+def test_within_tolerance_it_turns_sooner() -> None:
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([9.0], [2.0]), demands={"tolerance": 0.1})
+    assert duration(problem) == pytest.approx(4 * np.sqrt(0.9 / 2), rel=1e-6)
+
+
+@pytest.mark.parametrize("jerk", [False, True])
+@pytest.mark.parametrize("key", ["end_velocity", "least_times", "given_times", "closed"])
+def test_demands_on_the_way_agree_with_the_exact_program(key: str, jerk: bool) -> None:
+    problem = random_problem(3, joints=2, waypoints=4, jerk=jerk)
+    stop = stop_times(problem)
+    asked = {
+        "end_velocity": 0.5 * problem.limits.velocity[:, 1],
+        "least_times": 1.2 * stop * [0, 1, 0],
+        "given_times": 1.1 * stop,
+        "closed": True,
+    }
+    if key == "closed":
+        problem = replace(problem, waypoints=np.vstack([problem.waypoints, problem.waypoints[0]]))
+    problem = replace(problem, demands={key: asked[key]})
+    exact = ExactJerk() if jerk else Exact()
+    optimum = verify(problem, exact.solve(problem).trajectory).certified_duration
+    assert duration(problem) == pytest.approx(optimum, rel=ERROR)
