@@ -36,8 +36,9 @@ from scipy.stats import mannwhitneyu
 
 from experiments.common import races
 from experiments.common.output import save_table
-from trajopt import MissingBackend, Planner, compare
+from trajopt import InvalidInput, MissingBackend, Planner, compare
 from trajopt.benchmark.run.dask import executor as dask_executor
+from trajopt.benchmark.suites import catalogue
 from trajopt.comparison import TIMEOUT
 from trajopt.core.arrays import Array
 from trajopt.planners.registry import configured, load, named
@@ -49,7 +50,7 @@ OWN = ("pso", "ssa", "issa", "cmaes", "de")
 FIRST = races.FIRST
 OTHERS = (
     "robots-ur5e-w4",
-    "robots-franka-fr3-w4",
+    "robots-franka-panda-w4",
     "robots-kuka-kr6-r700-w4",
     "robots-puma-560-w4",
     "robots-abb-irb-120-w4",
@@ -212,6 +213,10 @@ def main(
         budgets = (200,)
         problems = (FIRST,)
         seeds = 2
+    for problem in problems:
+        if load("pso").unknown(catalogue.load(problem)):
+            right = "those whose limits a search keeps: no slowing down is the optimiser's"
+            raise InvalidInput("problems", right, value=problem)
     print(versions(libraries))
     for problem in problems:
         tables = {}

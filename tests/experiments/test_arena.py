@@ -11,6 +11,7 @@ from test_swarm_experiments import crowd
 
 from experiments import arena
 from experiments.common import races
+from trajopt import InvalidInput
 from trajopt.benchmark.store.recheck import verification
 from trajopt.planners.registry import load
 
@@ -78,6 +79,13 @@ def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
     assert limits == {arena.CPU_LIMIT_S}
     one = arena.entrants(("pymoo:name=DE,population=10",), (), 500)
     assert next(iter(one.values())).population == 10
+
+
+def test_a_problem_with_limits_that_no_search_keeps_is_refused(tmp_path):
+    """The judge slows down to the FR3's falling velocity limits: that gap is no optimiser's."""
+    assert not any("fr3" in problem for problem in arena.OTHERS)
+    with pytest.raises(InvalidInput, match="robots-franka-fr3-w4"):
+        arena.main(problems=("robots-franka-fr3-w4",), budgets=(9,), output=tmp_path)
 
 
 def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
