@@ -7,7 +7,7 @@ inner waypoints.
 
 Ruckig takes one jerk limit for both sides: of an asymmetric limit it gets the tighter side. It
 ignores position limits, so every section is checked against them here. Without a jerk limit it
-ignores accelerations.
+ignores accelerations. Its `minimum_duration` is a segment's least, or given, time.
 
 Its tolerances are absolute, so every section has units of its own: of time the time that it takes
 from stop to stop, of length what a joint can travel from stop to stop meanwhile, at its tightest
@@ -66,6 +66,8 @@ _GAIN_RTOL = 1e-7
 _ROW_TOLERANCE = 1e-7
 # Factors of the states at both ends: exactly opposite states at one place crash Ruckig 0.19.
 _END_FACTORS = np.array([1.0, 1 - 1e-14])[:, None, None]
+# Rounding of a given time, relative.
+_GIVEN_RTOL = 1e-9
 # Rounding of a position beyond its limit, relative to the largest coordinate.
 _POSITION_RTOL = 1e-12
 
@@ -75,7 +77,7 @@ class RuckigStop(Planner):
     """Ruckig from waypoint to waypoint, stopping at each."""
 
     requires = ("ruckig",)
-    knows = (*LIMIT_NAMES, "segment", *END_STATES)
+    knows = (*LIMIT_NAMES, "segment", *END_STATES, "least_times", "given_times")
 
     def unsupported(self, problem: Problem) -> str | None:
         limited = np.asarray(np.isfinite(problem.limits.jerk).any(axis=-1))
@@ -140,10 +142,16 @@ class Sections:
         self.unit_times = stop_times(problem)
         self._unit_lengths = _travelled(self.limits, self.unit_times[:, None])
         ways = np.diff(self.waypoints, axis=0)
-        of_each = zip(ways, self.unit_times, self._unit_lengths, strict=True)
+        self.least_times = self.route.demand("least_times") + self.route.demand("given_times")
+        self._longest = np.full(len(ways), np.inf)
+        if "given_times" in self.route.demands:
+            self._longest = self.least_times * (1 + _GIVEN_RTOL)
+        of_each = zip(ways, self.unit_times, self._unit_lengths, self.least_times, strict=True)
         self._inputs = [
-            _input(ruckig, own.in_units(time, lengths[:, None]), way / lengths)
-            for own, (way, time, lengths) in zip(self._limits_of_each(), of_each, strict=True)
+            _input(ruckig, own.in_units(time, lengths[:, None]), way / lengths, least / time)
+            for own, (way, time, lengths, least) in zip(
+                self._limits_of_each(), of_each, strict=True
+            )
         ]
         # units of the whole motion: its longest segment's time, each joint's range
         self.longest_stop = float(self.unit_times.max())
@@ -201,20 +209,30 @@ class Sections:
         return np.multiply(minima, self.unit_times[k, None])
 
     def durations(self, k: Numbers, at_ends: Array) -> list[float]:
-        """Return the times with all joints together, s; infinite where a limit is broken.
+        """Return the times with all joints together, s.
 
-        The arguments are those of `minima`.
+        Infinite where a limit is broken, or a given time exceeded. The arguments are those of
+        `minima`.
         """
         return [
-            self._time(number) if solved and self._keeps_positions(number) else np.inf
+            self._time(number) if solved and self._is_kept(number) else np.inf
             for number, solved in self._calculated(k, at_ends, checked=True)
         ]
+
+    def _is_kept(self, k: int) -> bool:
+        """Return whether segment `k`, just computed, keeps its given time and position limits."""
+        return self._time(k) <= self._longest[k] and self._keeps_positions(k)
 
     def motions(self, states: Array) -> Iterator[Trajectory]:
         """Yield the motion of each segment."""
         for k, solved in self._calculated(*_every_segment(states)):
             if not solved:
                 raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
+            if self._time(k) > self._longest[k]:
+                raise ArithmeticError(
+                    f"Ruckig takes {self._time(k):.6g} s for segment {k + 1} between these states; "
+                    f"{self.least_times[k]:.6g} s are given"
+                )
             parts = []
             for joint, start in enumerate(self.waypoints[k]):
                 breaks, cubics = self._cubics(joint)
@@ -311,13 +329,15 @@ def _passing(pairs: Array) -> Array:
     return np.stack(tighter, axis=-1)
 
 
-def _input(ruckig: Any, limits: Limits, target: Array) -> Any:
+def _input(ruckig: Any, limits: Limits, target: Array, least_time: float) -> Any:
     """Return Ruckig's input of one segment, but for the states at its ends."""
     given = ruckig.InputParameter(limits.joints)
     given.min_velocity, given.max_velocity = limits.velocity.T.tolist()
     given.min_acceleration, given.max_acceleration = limits.acceleration.T.tolist()
     given.max_jerk = np.abs(limits.jerk).min(axis=1).tolist()
     given.target_position = target.tolist()
+    if least_time > 0:
+        given.minimum_duration = least_time
     return given
 
 
@@ -467,7 +487,7 @@ class StepPrograms:
         values = np.append(slopes * units[:, None] / longest, np.full(times.size, -1.0))
         self._matrix.data = values[self._order]
         self._program.load(
-            np.zeros(len(self._cost)),
+            np.append(np.zeros(slack.size), sections.least_times / longest),
             np.append(slack / units, np.full(len(times), np.inf)),
             self._matrix,
             above=-times.ravel() / longest,

@@ -1,5 +1,6 @@
 """Ruckig: stopping times in closed form, exact certificates, never worse than stopping."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -303,3 +304,16 @@ def test_each_section_has_its_own_limits():
     jerk = [[[-9, 9]], [[-np.inf, np.inf]]]
     partly = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [2.0], jerk))
     assert "in some segments only" in RuckigVia().unsupported(partly)
+
+
+def test_a_segment_takes_its_least_time_or_its_given_one():
+    # from stop to stop each segment takes 2 √(1/1) s
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([9.0], [1.0]))
+    least = replace(problem, demands={"least_times": [3.0, 1.0]})
+    for planner in (RuckigStop(), RuckigVia(evaluations=100)):
+        assert planner.solve(least).trajectory.duration == pytest.approx(5.0, rel=1e-6)
+    given = replace(problem, demands={"given_times": [2.5, 4.0]})
+    times = RuckigStop().solve(given).trajectory.waypoint_times
+    np.testing.assert_allclose(times, [0, 2.5, 6.5])
+    short = RuckigStop().solve(replace(problem, demands={"given_times": [2.5, 1.9]}))
+    assert short.message == "Ruckig takes 2 s for segment 2 between these states; 1.9 s are given"
