@@ -1,4 +1,4 @@
-"""Any metaheuristic against a proved optimum: every optimiser that is installed, and our own.
+"""How close do metaheuristics come to a proved optimum: all that are installed, and our own?
 
     python -m experiments.arena                                # all that is installed: days
     python -m experiments.arena --libraries mealpy --seeds 5   # 234 optimisers on six-axis

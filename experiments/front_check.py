@@ -2,10 +2,10 @@
 
     python -m experiments.front_check
 
-Septic pieces with jumps of jerk between them, exact integration, limits at four instants a piece,
-segment times free, three starts, by IPOPT. It shares nothing with `smooth`. Limits are asked at
-instants only, so its value is at most the least one, but for its own local optima. The table goes
-to `front-check.csv` and `.md` in `--output`.
+The independent program has septic pieces with jumps of jerk between them, exact integration, limits
+at four instants per piece, free segment times and three starts, by IPOPT. It shares no code with
+`smooth`. Limits are imposed at instants only, so its global optimum is at most the least integral;
+it may end in a local optimum. The table goes to `front-check.csv` and `.md` in `--output`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import backend
 
-FACTOR = 1.3  # times the shortest duration known
+FACTOR = 1.3  # duration, relative to the shortest known
 _CELLS = 8
-_POWERS = 5  # of jerk
+_POWERS = 5  # number of powers of jerk in a piece
 _INSTANTS = (0.25, 0.5, 0.75, 1.0)
 _OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 500}
 

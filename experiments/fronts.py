@@ -39,9 +39,9 @@ PROBLEMS = (
     "random-smooth-j3-w4-01",
     "random-zigzag-j7-w3-01",
 )
-FACTORS = (1.2, 1.5, 2.0, 3.0)  # times the shortest duration known
-_POWER = 5  # of the duration, for jerk
-_DIGITS = 12  # of a costate: any costates prove a bound
+FACTORS = (1.2, 1.5, 2.0, 3.0)  # durations, relative to the shortest known
+_POWER = 5  # power of the duration in the least ∫ jerk²
+_DIGITS = 12  # digits of a costate; any costates prove a bound
 _SAFETY = 1 - 1e-12
 _SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "best-known" / "check_front.py"
 

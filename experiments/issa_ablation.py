@@ -4,9 +4,10 @@
     python -m experiments.issa_ablation --quick
     python -m experiments.issa_ablation --problems 0 --evaluations 30030    # as long as the paper's
 
-Every subset of the four ingredients (none is SSA, all is ISSA), and ISSA with one other choice of
-those on which public sparrow codes differ, race for the 3-5-3 times at equal evaluation budgets.
-Then objectives with their minimum at many places of many boxes show what draws to the origin.
+Every subset of the four ingredients (none is SSA, all is ISSA) searches the 3-5-3 times at equal
+evaluation budgets. So does ISSA with each alternative choice on which public sparrow codes differ.
+Then objectives with their minimum at many positions of many boxes show which variants are biased
+towards the origin.
 `--output` keeps the trials, and holds the tables `summary`, `against-issa`, `against-ssa`,
 `ingredients`, `optima` and `origin`.
 """

@@ -4,10 +4,10 @@
     python -m experiments.joint_ends --quick    # those of four waypoints
 
 The arm's velocity limits fall near the ends of its joints' ranges, and neither Ruckig nor TOPP-RA
-knows such a limit. Their users give them one velocity limit that is safe at every waypoint: what
-the arm allows at the waypoint nearest to each end. Between waypoints a path may come nearer; then
-the motion is dilated, as every motion is that breaks a limit. So is the optimum without the limit.
-Percentages are above the best known motion.
+knows such a limit. Their users choose one velocity limit that is safe at every waypoint: the one
+allowed at the waypoint nearest to each end. Between waypoints a path may come nearer; the motion
+then breaks the limit and is dilated. The optimum without the limit is dilated too. Percentages are
+above the best known motion.
 """
 
 from __future__ import annotations

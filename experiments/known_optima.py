@@ -3,16 +3,21 @@
     python -m experiments.known_optima               # 2,382 problems, ten minutes
     python -m experiments.known_optima --quick       # 119 problems
 
-Straight lines: all joints move in proportion, forth and back or one way, and the first has the
-tightest limits of every kind. So its own optimum is the optimum; one way and symmetric, in closed
-form. Nearly straight: waypoints beside such a line by 1e-7 to 1e-3 of its length, against a proved
-bound, of the problem or of its first joint alone. Two waypoints: Ruckig. One way: one joint through
-six to ten waypoints, some segments a millionth of the others. It passes them without losing time,
-so the optimum is Ruckig's from the first waypoint to the last. Suites: their problems without
-position limits, against the best known answers. Without jerk limits `exact-jerk` calls `exact`.
+The kinds of problems:
 
-Late is a certified duration over the claimed one. Brief are pieces below 1e-6 s, and needless those
-of them without which a motion between the same waypoint states keeps the limits.
+- Straight lines: all joints move in proportion, back and forth or one way, and the first has the
+  tightest limits of every kind. So the first joint's optimum is the optimum. One way and with
+  symmetric limits it has a closed form.
+- Nearly straight: waypoints are off such a line by 1e-7 to 1e-3 of its length. The reference is a
+  proved bound, of the problem or of its first joint alone.
+- Two waypoints: the reference is Ruckig.
+- One way: one joint through six to ten waypoints, some segments a millionth of the others. It
+  passes them without losing time, so the optimum is Ruckig's from the first waypoint to the last.
+- Suites: their problems without position limits; the references are the best known answers.
+
+Without jerk limits `exact-jerk` calls `exact`. In the table, *late* is a certified duration over
+the claimed one. *Brief* are pieces below 1e-6 s, and *needless* those of them without which a
+motion between the same waypoint states keeps the limits.
 
 Rows go to `problems.csv` in `--output` as soon as they are known; running again does only what is
 missing. The table `kinds` counts them.

@@ -7,7 +7,7 @@
 Every published problem is surveyed, and its times judged (mathematics.md, section 11). Written to
 `--output`: `literature.md`, and in `literature/` the figure `all.png` and two tables, all verdicts
 (`verdicts.csv` and `.md`) and what is known of each problem, by which code (`known.csv` and `.md`).
-`tests/test_stored_numbers.py` holds the page against both.
+`tests/test_stored_numbers.py` compares the page with both.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ AGREEING = 2
 
 
 def durations(problem: Problem, planner: str, starts: int) -> pd.DataFrame:
-    """The duration that each of so many starts leads to, s; infinite where it failed."""
+    """Return the duration of each start's local optimum, s; infinite where it failed."""
     every_start = load(f"{planner}:starts={starts},agreeing={starts}")
     found = every_start.solve(problem).stats.get("start_duration", [])
     return pd.DataFrame({"duration": found[:starts]})

@@ -10,8 +10,8 @@ constant by pieces. The log has 100 to 1000 samples a second from a random insta
 decimals, exact or rounded stamps, velocities with as many decimals or none, noise or none, and is
 cut at both ends or not.
 
-False verdicts are `broken` of a lawful motion, and `kept` of a broken one whose excess lasts for
-the window. Where the excess is shorter, `kept` is what the window says.
+A verdict is false if it is `broken` for a lawful motion, or `kept` for a broken one whose excess
+lasts for the window. If the excess is shorter than the window, `kept` is not false.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Under which reading of the paper's text do its running times come out, and is it an honest one?
 
     python -m experiments.paper_readings              # 50 seeds, 1000 iterations, ten minutes
-    python -m experiments.paper_readings --quick      # a few seconds; says nothing
+    python -m experiments.paper_readings --quick      # a few seconds; not meaningful
 
 Open choices change one at a time from the default (penalty that only ranks, seconds, Table 3's
 limits, the intended formulas), some together; each is crossed with every way of making one running

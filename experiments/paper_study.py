@@ -1,16 +1,16 @@
 """Are the paper's tables and claims reproduced at its own settings?
 
     python -m experiments.paper_study                 # 50 seeds, 1000 iterations, two minutes
-    python -m experiments.paper_study --quick         # a few seconds; says nothing
+    python -m experiments.paper_study --quick         # a few seconds; not meaningful
 
-Defaults of the toolkit where the text says nothing. Every table in `--output` holds ours, the
-paper's and the difference: `table2`, `table4`, `table5`, `running-times`, and `claims` with a
+Where the text says nothing, the toolkit's defaults are used. Every table in `--output` holds ours,
+the paper's and the difference: `table2`, `table4`, `table5`, `running-times`, and `claims` with a
 verdict on each. Searches are stored in `runs/`: running again does only what is missing.
 
 - Accuracy (Table 4): by how much ISSA's final duration of a joint alone is below the other's,
   `100 (1 − T_ISSA / T_other)`, medians over seeds.
-- Speed (Table 5): the same of the iterations after which a run stays within 1 % of its own end,
-  which is what a convergence plot shows; beside it of the evaluations, which is what it costs.
+- Speed (Table 5): likewise for the number of iterations after which a run stays within 1 % of its
+  own end, as in a convergence plot; and for the number of evaluations, which is its cost.
 - Intervals are 95 % bootstrap intervals over seeds.
 """
 

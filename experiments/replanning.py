@@ -1,4 +1,4 @@
-"""Is the fastest motion found where more is asked than rest to rest, and is that proved?
+"""Is the fastest motion found and proved in problems with demands beside rest to rest?
 
     python -m experiments.replanning            # the 88 problems of the suite `moving`
     python -m experiments.replanning --quick    # the first twelve
@@ -6,8 +6,9 @@
     python -m experiments.replanning --suite demands --time-limit 5  # times, waits, loops, boxes
 
 Each problem is planned by `exact`, or by `exact-jerk` if it has jerk limits, and bounded by
-`prove`. Those of `demands` have a row per demand. The gap is certified duration over lower bound.
-*Ruckig, searched* is `ruckig-search`, in percent above the certified duration, where it can.
+`prove`. The suite `demands` has a row per demand. The gap is certified duration over lower bound.
+*Ruckig, searched* is `ruckig-search`, in percent above the certified duration, where it supports
+the problem.
 """
 
 from __future__ import annotations

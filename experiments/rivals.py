@@ -1,11 +1,11 @@
-"""Measure other people's planners against the optimum: as documented, and with equal effort.
+"""How far are other authors' planners from the optimum, as documented and with equal effort?
 
     python -m experiments.rivals            # 44 problems, half an hour of CPU
     python -m experiments.rivals --quick    # six-axis alone
 
 Every rival runs twice on the six-axis problem, `jerk-limit` and the 42 problems of eleven arms: as
-its authors' example has it (one try), and with the effort that each of them gets, the best of
-twelve settings (`baselines/third_party`). What is certified stands beside the best known motion.
+in its authors' example (one try), and with the same effort for all, the best of twelve settings
+(`baselines/third_party`). Certified durations are compared with the best known motion.
 
 The folder `--output` keeps the trials, and a second run adds only what is missing. Its files
 `rivals.csv` and `rivals.md` hold the table.

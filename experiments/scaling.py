@@ -3,12 +3,12 @@
     python -m experiments.scaling                # up to 1000 waypoints, some minutes on a core
     python -m experiments.scaling --quick        # up to 20
 
-Random walks of seven joints, each a longer walk's beginning, with the limits that a planner knows.
-Reported are CPU seconds of a planner's first `solve` at a size, which includes building IPOPT's
-program for it where it asks IPOPT, and no imports: another problem is solved before. The slope is
-the power of the waypoints that they grow with, fitted from `FITTED_FROM` waypoints on. Rows go to
-`scaling.csv` in `--output` as soon as they are known, and running again does only what is missing;
-the figure is `scaling.png` and `.svg`.
+The problems are random walks of seven joints, each the beginning of a longer one, with the limits
+that a planner knows. The times are CPU seconds of a planner's first `solve` at a size. They include
+building IPOPT's program, if it uses IPOPT, but no imports, since another problem is solved before.
+The slope is the power of the number of waypoints, fitted from `FITTED_FROM` waypoints on. Rows go
+to `scaling.csv` in `--output` as soon as they are known, and running again does only what is
+missing; the figure is `scaling.png` and `.svg`.
 """
 
 from __future__ import annotations

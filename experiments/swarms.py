@@ -4,7 +4,7 @@
     python -m experiments.swarms --quick
 
 Each optimiser searches the 3-5-3 times with the paper's kind of fitness (a penalty) and with every
-candidate scaled to the limits, at equal evaluation budgets; `spline353-nlp` solves the same
+candidate dilated to the limits, at equal evaluation budgets; `spline353-nlp` solves the same
 problems. `--output` keeps the trials, and holds the tables `summary`, `compared` and `optima`.
 `python tests/soak.py speed` measures what an evaluation costs.
 """

@@ -1,13 +1,13 @@
-"""How far above the optimum do tiny steps in line end, and how long do they take?
+"""How far above the optimum are answers to problems with tiny steps, and how long do they take?
 
     python -m experiments.tiny_steps            # 288 problems, a minute
     python -m experiments.tiny_steps --quick    # one joint and one jerk limit
 
-Straight ways of 1 rad whose optimum is known in closed form, with tiny steps at a third and in the
-middle of the way, at its start and at its end. One joint or three on a line, jerk limits of 1, 10
-and 100 times the acceleration limits. A cell is the worst of 24 certified durations over the
-optimum, minus 1. The last columns are the worst of `exact` without jerk limits, and the longest CPU
-time.
+Each problem is a straight line of 1 rad whose optimum is known in closed form, with tiny steps at a
+third and in the middle of the line, at its start or at its end. There are one joint or three on a
+line, and jerk limits of 1, 10 and 100 times the acceleration limits. A cell is the worst of 24
+certified durations over the optimum, minus 1. The last columns are the worst of `exact` without
+jerk limits, and the longest CPU time.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
-SIZES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # of a step, relative to the way
+SIZES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # size of a step, relative to the line
 COUNTS = (1, 2, 4, 8)
 PLACES = ("third", "middle", "start", "end")
 STIFFNESSES = (1.0, 10.0, 100.0)  # jerk over acceleration, 1/s
-SCALES = np.array([1.0, 0.7, -0.4])  # of the joints' ways
+SCALES = np.array([1.0, 0.7, -0.4])  # displacements of the joints, relative to the first
 
 
 def straight(size: float, count: int, place: str, joints: int, stiffness: float) -> Problem:

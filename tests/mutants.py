@@ -3,9 +3,9 @@
     python tests/mutants.py trajopt/judging tests/judging           # 40 mutants
     python tests/mutants.py trajopt/core tests/core --count 10 --seed 7
 
-A mutant is a copy of the packages in which one operator, number, truth value or function is another
-one. The tests run on it until one fails. What survives is printed: a test is missing there, or the
-line is not needed, or the mutant does the same. Exit code 1 if one survived.
+A mutant is a copy of the packages in which one operator, number, truth value or function is
+replaced. The tests run on it until one fails. A mutant that survives is printed: a test is missing
+there, or the line is not needed, or the mutant is equivalent. Exit code 1 if one survived.
 """
 
 from __future__ import annotations

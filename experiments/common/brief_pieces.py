@@ -1,7 +1,8 @@
-"""Which pieces of a motion take next to no time, and could a motion do without them?
+"""Find the very short pieces of a motion, and those without which it would keep its limits.
 
-A linear program for each joint answers that, between the same waypoint states and at the same other
-breaks. It limits velocities at breaks only: so no motion does without a piece that it needs.
+For each joint a linear program searches a motion between the same waypoint states and on the other
+breaks. It limits velocities at breaks only, so it may find a motion that does not exist; a piece
+for which it finds none is needed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tables that grow in a file, so that an experiment goes on where it was interrupted."""
+"""Tables that grow in a file, so that an interrupted experiment can continue."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from trajopt.cli import console
 
 @contextmanager
 def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]]:
-    """Show progress as `console.progress` does, and on standard error at once how much there is."""
+    """Show progress as `console.progress` does, and print the total on standard error first."""
     say(f"{total} {what} in all")
     with console.progress(total, what) as advance:
         yield advance

@@ -5,8 +5,9 @@
     python tests/soak.py commands trajopt --quick            # two seeds, once
 
 Wall times of README's main command into a fresh folder, of the same command again, and of `trajopt
-list`, each command of its own. Machines are noisy: believe the ratios, which are those of medians
-to the first command's. The table goes to `commands.csv` and `.md` in `--output`.
+list`, of each installed command in turn. Wall times on a busy machine vary, so compare the ratios:
+they are those of medians to the first command's. The table goes to `commands.csv` and `.md` in
+`--output`.
 """
 
 from __future__ import annotations

@@ -4,10 +4,11 @@
     python tests/soak.py forgeries --quick     # 59
     python tests/soak.py forgeries --script    # a minute: check_proof.py is asked too
 
-Each is an honest record whose proof was changed, or replaced, by what some rounding, some unit or
-some careless reading might let pass. Its file is sealed, as a stranger could submit it. *Proved* is
-what the check makes of it, in percent above the best known duration: more than 0 is a false bound.
-What is refused proves nothing; *refused* says why. Exit code 1 if a forgery is believed.
+Each is an honest record whose proof was changed or replaced, such that an error of rounding, of
+units or of reading might accept it. Its file is sealed, as anyone could submit it. *Proved* is the
+bound that the check returns, in percent above the best known duration: more than 0 is a false
+bound. A refused record proves nothing; *refused* has the reason. Exit code 1 if a forgery is
+accepted.
 """
 
 from __future__ import annotations
@@ -231,7 +232,7 @@ def listed_changes(family: str, honest: Said) -> Iterator[Named]:
             yield name, one_change(honest, table, operation)
 
 
-# --- forgeries that are no line of a table ---
+# --- forgeries that are not in the tables ---
 
 
 def no_numbers(honest: Said) -> Iterator[Named]:

@@ -3,14 +3,14 @@
     python tests/soak.py hostile_inputs            # 2000 mutated and 600 crafted, 2 min
     python tests/soak.py hostile_inputs --quick    # 200 and 60
 
-Mutated: files that are shipped, of every format that is read, with bits, spans, blocks, lines,
-numbers or keys changed. Crafted: what no reader may take. Every fifth is a results file
-(`forged_results`), the others are text (`hostile_texts`). Each is read in a
-child process by the command that a user would type. The promise: no traceback, one line of
-error of at most 1500 characters, no escape sequence, 10 s of CPU and 500 MB at most, and no
-nonsense taken (crafted files are all refused; in mutated ones that were taken, other parsers find
-no unknown key, no key twice, and only plain decimals for numbers). Ends with 1 where it is broken.
-Needs Linux.
+Mutated files are shipped files of every format, with changed bits, spans, blocks, lines, numbers or
+keys. Crafted files are such that every reader has to refuse them. Every fifth is a results file
+(`forged_results`), the others are text (`hostile_texts`). Each is read in a child process by the
+command that a user would type. The promise: no traceback, one line of error of at most 1500
+characters, no escape sequence, at most 10 s of CPU and 500 MB, and no invalid file accepted. (All
+crafted files are refused. In mutated files that were accepted, other parsers find no unknown key,
+no key twice, and only plain decimals for numbers.) Exit code 1 if the promise is broken. Needs
+Linux.
 """
 
 from __future__ import annotations

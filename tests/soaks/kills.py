@@ -3,12 +3,12 @@
     python tests/soak.py kills               # 200 kills, about ten minutes
     python tests/soak.py kills --quick       # 5
 
-A child process runs a small sweep. Every call with which it or a judge of it changes a file for
-good (a sync, a rename, a removal) is slowed and told. The child is killed soon after a random one
-of its words, so at any step and between any two. After that as many trials must be there as it had
-reported, every file whole and equal to the reference, and resuming must end as the reference does.
-One row per kill goes to `kills.csv` in `--output` as soon as it is known; running again does only
-what is missing. Needs POSIX.
+A child process runs a small sweep. Each of its calls, or of its judges', that changes a file
+permanently (sync, rename, removal) is slowed down and reported. The child is killed soon after a
+random report, so at any step and between any two. Then at least the reported trials must be there,
+every file whole and equal to the reference, and a resumed run must end as the reference does. One
+row per kill goes to `kills.csv` in `--output` as soon as it is known; running again does only what
+is missing. Needs POSIX.
 """
 
 from __future__ import annotations

@@ -3,12 +3,13 @@
     python tests/soak.py moving_ends           # 500 motions, some minutes
     python tests/soak.py moving_ends --quick   # 20 motions
 
-A dilation changes the velocities at the ends, and that can be used to cheat: against its velocity
-at the start, a motion that breaks its acceleration limit by 125 % and is dilated by 1.5 takes 17 %
-less than the optimum. Here random problems of two waypoints begin and end in motion, half of them
-with jerk limits. Ruckig, from state to state, knows their optima. Each motion is planned for wider
-limits, by 1e-12 to 125 %, or for other velocities at the ends, or is the optimum run faster. It is
-judged as it is, with tolerances as wide as one likes, and as the certified motion, judged again.
+A dilation changes the velocities at the ends, and that could be used to cheat. Take a motion that
+begins with a velocity away from its goal and exceeds its acceleration limit by 125 %. Dilated by
+1.5 it keeps the limit, and takes 17 % less than the optimum. Here random problems of two waypoints
+begin and end in motion, half of them with jerk limits. Ruckig finds their optima. Each motion is
+planned for limits that are wider by 1e-12 to 125 %, or for other velocities at the ends, or is the
+optimum run faster. It is judged as it is, with very wide tolerances, and as the certified motion,
+judged again.
 
 *Claimed* and *certified* are percent above the optimum. Exit code 1 if a motion is certified more
 than 1e-9 below the optimum.
@@ -31,7 +32,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import Tolerance, certified, verify
 
-CERTIFIED_BELOW = 1e-9  # relative to the optimum; rounding
+CERTIFIED_BELOW = 1e-9  # a smaller amount below the optimum, relative, is rounding
 WIDE = Tolerance(position=1e9, position_limit=1e9, jump=1e9)
 FAMILIES = ("wider limits", "other velocities at the ends", "run faster")
 
@@ -95,7 +96,7 @@ def _changed(rng: np.random.Generator) -> float:
 
 
 def judged(problem: Problem, motion: Trajectory, best: float) -> dict[str, object]:
-    """Judge a motion: its claim, and the least certified duration of all ways."""
+    """Return a motion's claim, and the least certified duration of all three ways of judging."""
     durations: list[float] = []
     for tolerance in (None, WIDE):
         duration = verify(problem, motion, tolerance).certified_duration
@@ -111,7 +112,7 @@ def judged(problem: Problem, motion: Trajectory, best: float) -> dict[str, objec
 
 
 def rows(motions: int) -> pd.DataFrame:
-    """Judge so many motions."""
+    """Return a row per motion, for a number of motions."""
     found: list[dict[str, object]] = []
     seed = 0
     while len(found) < motions:

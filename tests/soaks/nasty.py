@@ -102,7 +102,7 @@ def honest(problem: Problem) -> Trajectory:
 
 
 def forged(problem: Problem, trajectory: Trajectory, *_: Any) -> verification.Certificate:
-    """Return a certificate that praises any motion."""
+    """Return a certificate that accepts any motion."""
     certificate = _VERIFY(PROBLEM, honest(PROBLEM))
     return replace(certificate, duration=trajectory.duration, dilation=0.5)
 

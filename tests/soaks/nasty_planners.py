@@ -1,18 +1,19 @@
-"""Can a planner that means harm, or has an accident, spoil a comparison?
+"""Can a malicious or faulty planner spoil a comparison?
 
     python tests/soak.py nasty_planners           # 85 planners, about a minute
     python tests/soak.py nasty_planners --quick   # 8
 
-Each runs between planners that do no harm, in a folder of its own; what it does,
-`nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
-latter in percent above an optimum known in closed form; *others* whether every other row is what it
-is without it; *left* how many processes that it started still run; *printed* how many bytes reached
-the terminal; *executed* whether something that it sent ran in another process. The
-table goes to `nasty_planners.csv` and `.md` in `--output`. Exit code 1 if one of them did harm: was
-certified below the optimum, changed another's row, left a process or printed something.
+Each runs together with harmless planners, in a folder of its own. Its code is in
+`nasty_planners.toml`. *Status* and *certified* are its entries in the comparison's table, the
+latter in percent above an optimum known in closed form. *Others* says whether every other row is
+the same as without it. *Left* is the number of its processes that still run. *Printed* is the
+number of bytes that reached the terminal. *Executed* says whether something that it sent ran in
+another process. The table goes to `nasty_planners.csv` and `.md` in `--output`. Exit code 1 if one
+of them did harm: it was certified below the optimum, changed another's row, left a process or
+printed something.
 
-A planner runs as the user who compares: it may end the comparison, and remove files for good. What
-it may not do is to be believed.
+A planner runs with the rights of the user: it can end the comparison, and remove files. But its
+statements must never be trusted.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ OTHERS = ("ruckig-stop", "ruckig-search")  # before it; `exact`, the reference, 
 
 TIMEOUT = 2.0  # s
 MEMORY = 0.4  # GiB
-_PATIENCE = 5.0  # s, for what is ended to be gone
+_PATIENCE = 5.0  # s, for killed processes to end
 
 
 def rows(

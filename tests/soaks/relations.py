@@ -36,7 +36,7 @@ Mask = NDArray[np.bool_]
 Check = tuple[str, float, float]  # kind, relative excess, tolerance
 Checks = Iterator[Check]
 State = tuple[Array, Array, Array]  # position, velocity, acceleration
-Symmetry = tuple[str, float, Problem]  # kind, what undoes the duration's change, problem
+Symmetry = tuple[str, float, Problem]  # kind, factor that restores the duration, problem
 Found = tuple[Trajectory | None, float]  # trajectory and certified duration, s (NaN without one)
 
 SPECS = (
@@ -51,8 +51,8 @@ SPECS = (
     "ruckig-stop",
 )
 PLANNERS = dict(named(spec) for spec in SPECS)
-INVARIANT = ("ruckig-stop", "spline353-nlp")  # under the symmetries, as the optimum is
-RELAXED = 1e-6  # relative; keeps rounding off a longer branch
+INVARIANT = ("ruckig-stop", "spline353-nlp")  # planners that obey the symmetries
+RELAXED = 1e-6  # relative; with exact limits, rounding can lead Ruckig to a longer branch
 THEOREM = 1e-6  # relative; tolerance of solvers
 SECTIONS = 1e-5  # relative; effect of dividing the states by 1 + 1e-6
 GRID = 5e-2  # relative; effect of 300 gridpoints
@@ -129,7 +129,7 @@ def relations(problem: Problem, seed: int) -> Checks:
 
 
 def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
-    """Yield how much a planner is faster than the optimum, or than one that may do more."""
+    """Yield the relative excess of an optimum over a planner that must not be faster than it."""
     pairs = [(optimum, name) for name in able if not name.startswith("exact")]
     pairs += [("spline353-nlp", name) for name in able if name in ("unoptimised", "pso")]
     pairs.append(("ruckig-search", "ruckig-stop"))
@@ -140,7 +140,7 @@ def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
 
 
 def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
-    """Yield how much the minimum time of a symmetric problem differs, after its factor."""
+    """Yield the relative difference of the minimum times of equivalent problems."""
     kind, factor, other = symmetry
     for name in names:
         own = duration(name, problem)
@@ -150,7 +150,7 @@ def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
 
 
 def alike(problem: Problem, seed: int) -> list[Symmetry]:
-    """Yield problems whose minimum time, times a factor, is this problem's."""
+    """Yield equivalent problems: their minimum time, times a factor, is this problem's."""
     q = problem.waypoints
     v = problem.limits.velocity
     a = problem.limits.acceleration
@@ -205,10 +205,11 @@ def free(problem: Problem, able: list[str], seed: int) -> Checks:
 
 
 def moving(optimum: str, seed: int) -> Checks:
-    """Between states in motion, on problems of their own.
+    """Yield checks of motions that begin or end in motion, on problems of their own.
 
-    With two waypoints Ruckig knows the optimum, from state to state. Time may run backwards. The
-    parts of a solved problem, cut at a waypoint in the state of its motion, take no longer.
+    With two waypoints Ruckig finds the optimum. Backwards in time the optimum takes as long. A
+    solved problem is cut at a waypoint, with the motion's state there; both parts together take as
+    long as the whole.
     """
     jerk = optimum == "exact-jerk"
     pair = moving_ends.drawn(seed, jerk=jerk)
@@ -233,7 +234,7 @@ def moving(optimum: str, seed: int) -> Checks:
 
 
 def narrowed(problem: Problem, optimum: str, seed: int) -> Checks:
-    """Segments with narrower limits of their own: none shortens, none that is raised lengthens."""
+    """Yield checks of limits per segment: tighter ones never shorten, wider ones never lengthen."""
     rng = np.random.default_rng([52, seed])
     shape = (problem.segments, problem.joints, 1)
     known = problem.limits
@@ -254,10 +255,11 @@ def narrowed(problem: Problem, optimum: str, seed: int) -> Checks:
 
 
 def asked(problem: Problem, optimum: str, seed: int) -> Checks:
-    """Times, waits, loops and tolerances: what asks less takes no longer.
+    """Yield checks of demands: least times, closed motions, waits and tolerances.
 
-    Least times that the optimum keeps change nothing, nor does another start of a closed motion. A
-    wait parts the way in two from rest to rest. A wider tolerance never lengthens.
+    Least times that the optimum already keeps change nothing. A closed motion takes as long from
+    another of its waypoints. A motion with a wait takes as long as its two parts from rest to rest
+    and the wait. A wider tolerance never lengthens the optimum.
     """
     rng = np.random.default_rng([50, seed])
     points = problem.waypoints
@@ -362,8 +364,8 @@ def jerky(problem: Problem, seed: int) -> Checks:
 def by_segments(problem: Problem, trajectory: Trajectory) -> float:
     """Return the largest difference from Ruckig's segment times, relative to the duration.
 
-    Under limits wider by 1e-6, or by 1e-9: in a segment of 1e-6 s rounding of the states exceeds
-    them, and Ruckig then goes a long way round.
+    Limits are wider by 1e-6, or by 1e-9. In a segment of 1e-6 s the rounding of the states exceeds
+    exact limits, and Ruckig then takes a much longer motion.
     """
     times = trajectory.waypoint_times
     velocities = trajectory(times, 1)

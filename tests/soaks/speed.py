@@ -1,13 +1,14 @@
 """How fast is it beside its peers? Ratios side by side, in one process, in CPU seconds.
 
     python tests/soak.py speed            # a minute
-    python tests/soak.py speed --quick    # seconds, and no numbers to believe
+    python tests/soak.py speed --quick    # seconds; the numbers are not accurate
 
 Each row is one way to do a task; `times the first` is its cost over that of the task's first row.
-The tasks: an evaluation of the 3-5-3 fitness within a search (only ours say what a candidate is
-compared with, so that its limits need no peaks); the minimum time, with the error reached; and a
-verdict on a trajectory, exact, or sampled densely enough for the verifier's tolerance. CPU seconds
-are the least of several repeats. The table goes to `speed.csv` and `.md` in `--output`.
+There are three tasks. One is an evaluation of the 3-5-3 fitness within a search; only our searches
+pass the incumbent, so that most candidates need no exact peaks. The second is the minimum time,
+with the error reached. The third is a verdict on a trajectory, exact, or with samples as dense as
+the verifier's tolerance requires. CPU seconds are the least of several repeats. The table goes to
+`speed.csv` and `.md` in `--output`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from trajopt.planners.swarm_planner import SegmentTimes, SwarmPlanner
 POPULATION = 30  # the paper's
 SEEDS_TOGETHER = 30  # as a comparison advances them
 INTERVALS: tuple[int, ...] = (20, 80, 160)  # of collocation, per segment
-REPEATS = 3  # of long tasks; of short ones ten times as many
+REPEATS = 3  # repeats of long tasks; short ones have ten times as many
 _SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
 
 

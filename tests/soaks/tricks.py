@@ -3,10 +3,10 @@
     python tests/soak.py tricks           # some seconds
     python tests/soak.py tricks --quick   # one trick in ten
 
-A trick is a problem whose minimum time is known in closed form, and a motion that is faster by what
-a tolerance, an overflow or rounding might let pass. `tricks.toml` lists the families. Every
-trick is judged as it is; as the certified motion, judged again; with waypoint times found from the
-motion; and from a CSV file, as `trajopt judge` reads it.
+A trick is a problem whose minimum time is known in closed form, and a motion that is faster by as
+much as a tolerance, an overflow or rounding might accept. `tricks.toml` lists the families. Every
+trick is judged in four ways: as it is; as the certified motion, judged again; with waypoint times
+found from the motion; and from a CSV file, as `trajopt judge` reads it.
 
 *Claimed* and *certified* are percent above the optimum. Exit code 1 if a trick is certified below
 the optimum.

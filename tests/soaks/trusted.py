@@ -1,11 +1,11 @@
-"""What can a stranger's planner or file make a command believe, say, or wait for?
+"""Can a planner or file from someone else make a command state something false, or hang?
 
     python tests/soak.py trusted              # 28 attacks, about two minutes
     python tests/soak.py trusted --quick      # three of them
 
-Each attack is a planner file, a package, or a file of results, and a command that meets it in a
-process of its own, as a user would type it. *Held* says whether the command ended as it must: the
-truth in its output, its exit code, one line on standard error where the input is bad, and in time.
+Each attack is a planner file, a package, or a file of results, and a command that reads it in a
+process of its own, as a user would type it. *Held* says whether the command ended as it must: in
+time, with a true output and the right exit code, and with one line on standard error for bad input.
 The table goes to `trusted.csv` and `.md` in `--output`. Exit code 1 if one did not hold. The
 commands are those of the package that Python finds first: with another checkout on PYTHONPATH they
 are that one's.

@@ -1,9 +1,9 @@
-"""How well numbers are known that were written with some digits, read from their text.
+"""Determine from the text of numbers how precisely they are known.
 
-A column may have a fixed number of decimals (`%.4f`, also with trailing zeros removed) or a fixed
-number of digits (`%g`, `%.4e`), whose decimals depend on the size of a number. So the decimals of
-numbers of one size count together. Sensors round too: where the numbers are whole multiples of a
-step that is coarser than the last digit, the step counts.
+A column may have a fixed number of decimals (`%.4f`, also with trailing zeros removed). Or it may
+have a fixed number of digits (`%g`, `%.4e`); then the number of decimals depends on the size of a
+number. So decimals are counted together for numbers of one size. Sensors round too: if all numbers
+are whole multiples of a step that is coarser than the last digit, the step is used.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 from trajopt.core.arrays import Array
 from trajopt.formats.samples import Samples
 
-_COARSE = 4  # units of the last digit; a smaller step of a sensor does not matter
-_STEP_RTOL = 0.02  # of a step: by which multiples may differ from whole ones
-_NOTHING = 1e-9  # of a step in time
-_MIN_DISTINCT = 12  # different numbers, from which a step is recognised
-_REPEATED = 0.02  # share of numbers that repeat the one before, in what a coarse sensor measures
+_COARSE = 4  # least step of a sensor that is considered, in units of the last digit
+_STEP_RTOL = 0.02  # largest difference from a whole multiple, relative to a step
+_NOTHING = 1e-9  # smaller digits of times, relative to a step in time, are ignored
+_MIN_DISTINCT = 12  # least number of different values from which a step is recognised
+_REPEATED = 0.02  # least share of numbers that repeat the one before, with a coarse sensor
 
 
 def decimals(text: str) -> int:
@@ -54,9 +54,9 @@ def of_columns(texts: Sequence[Sequence[str]], values: Array) -> tuple[Array, tu
 
 
 def known(samples: Samples) -> Samples:
-    """Return samples with the digits of their numbers, whose text is not there.
+    """Return samples without a text, with the digits of their numbers.
 
-    The shortest text that gives a number back is taken, so trailing zeros do not count.
+    They are those of the shortest text that reads as the same number, without trailing zeros.
     """
     half, decimals = _of_numbers(samples.positions)
     found = replace(samples, half_digits=half, decimals=decimals)
@@ -72,7 +72,7 @@ def _of_numbers(values: Array) -> tuple[Array, tuple[int, ...]]:
 def time_half_digit(texts: Sequence[str], values: Array, elapsed: Sequence[int]) -> float:
     """Return half a unit of the last digit of times; 0 where all are on a coarser, even grid.
 
-    So it is where the last digit is nothing beside the steps.
+    It is also 0 where the last digit is negligible compared with the steps.
 
     Args:
         texts: The times as they are written.
@@ -100,7 +100,7 @@ def _decimals(texts: Sequence[str], values: Array) -> Array:
 
 
 def _sensor_step(values: Array, unit: float) -> float:
-    """The step of which all numbers are whole multiples; 0 where there is none beyond the unit."""
+    """Return the step of which all numbers are whole multiples; 0 if it is the last digit."""
     distinct = np.unique(values)
     if len(distinct) < _MIN_DISTINCT or np.mean(np.diff(values) == 0) < _REPEATED:
         return 0.0
@@ -109,7 +109,7 @@ def _sensor_step(values: Array, unit: float) -> float:
         return 0.0
     step = float(gaps[gaps < 1.5 * gaps.min()].mean())
     since = distinct - distinct[0]
-    for _ in range(2):  # the whole range knows the step better than two neighbours
+    for _ in range(2):  # the whole range determines the step more precisely than two neighbours
         multiples = np.round(since / step)
         step = float((multiples * since).sum() / (multiples**2).sum())
     off = np.abs(since - multiples * step).max()

@@ -58,7 +58,7 @@ _TRIAL_KEYS = (
     "waypoint_times",
 )
 MAX_COEFFICIENTS = 101
-_MAX_WORK = 5e7  # polynomials, times the square of their coefficients (at least 10)
+_MAX_WORK = 5e7  # polynomials, times the square of their numbers of coefficients (at least 10)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +152,8 @@ def motion(
 
     Args:
         given: The file or the object.
-        interpolation: What joins samples; by default what their controller does.
-        unit: Units of a CSV's columns whose header says none, like "deg" or "deg,mm,ms".
+        interpolation: How samples are joined; by default as a controller joins them.
+        unit: Units of a CSV's columns without a unit in the header, like "deg" or "deg,mm,ms".
         joint_units: "rad" or "m" by the names of the robot's joints, where known.
 
     Raises:

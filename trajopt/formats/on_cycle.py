@@ -5,9 +5,9 @@ quintic ones (accelerations too). Between two breaks on the cycle, a cubic piece
 of constant acceleration exactly, and a quintic piece one of constant jerk (docs/mathematics.md,
 section 10). With samples between breaks it does not: bang-bang motions overshoot then.
 
-Therefore the breaks are moved to the nearest cycle, where many become one, and the motion between
-them is found again, joint by joint (`trajopt.judging.joint_program`). Where that has no solution,
-the motion is made one cycle longer, and tried again.
+Therefore the breaks are moved to the nearest cycle, so that breaks close to each other become one.
+The motion between them is found again, joint by joint (`trajopt.judging.joint_program`). If there
+is no solution, the motion is made one cycle longer, and tried again.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class OnCycle:
 
 
 def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
-    """The motion with all breaks on whole cycles, hardly longer, within every limit.
+    """Return the motion with all breaks on whole cycles, in the fewest cycles, within all limits.
 
     Args:
         problem: Its waypoints and limits.
@@ -157,8 +157,8 @@ class _CycleSearch:
         waypoint_times: s, one per waypoint.
         cycle: s.
         order: Of the derivative that is constant on each piece: 2 or 3.
-        beside: True for further breaks a cycle before and after each one. Where limits are so high
-            that a velocity or acceleration changes at once, it needs a cycle to change.
+        beside: True for further breaks one cycle before and after each break. They are needed if
+            limits are so high that a velocity or acceleration changes within less than a cycle.
     """
 
     problem: Problem
@@ -250,8 +250,8 @@ class _CycleSearch:
     def _breaks(self, stretched: Trajectory, cycles: int) -> Indices:
         """The nearest whole cycles of the breaks.
 
-        More stand where pieces have a higher degree, and where velocity limits fall: these are no
-        straight lines.
+        There are more where pieces have a higher degree, and where velocity limits fall, since the
+        motion is not straight there.
         """
         wanted = stretched.breaks / self.cycle
         if not self._constant() or self.problem.has(FallingVelocity.key):

@@ -4,7 +4,7 @@
     own = joint_limits.read(Path("joint_limits.yaml"))
     limits = robot.updated(own).limits(["elbow_joint", "wrist_1_joint"])
 
-A source may leave kinds of limits unsaid: only what is asked for at the end must be whole.
+A source may lack kinds of limits. Only the limits that are needed in the end must be complete.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class RobotLimits:
 
     Attributes:
         joints: Each joint's bounds, `(low, high)` by the kind of limit, under its name, in the
-            robot's order. A kind may be missing (not said) or infinite (said to have no limit).
-        source: Where they come from, for errors and for the problem's own source.
+            robot's order. A kind may be missing (not stated) or infinite (stated as unlimited).
+        source: The source of the limits, for errors and for the problem.
         ordered: True if the joints are in the robot's order; a file of limits is often in
             alphabetical order.
         velocity_scaling: The share of the velocity limits that a planner should use. It is no limit
@@ -91,7 +91,7 @@ class RobotLimits:
         return tuple(self.joints)
 
     def updated(self, other: RobotLimits) -> RobotLimits:
-        """These, but for what another source says of the same joints.
+        """Return these limits, with those of another source in place of the same kinds.
 
         Joints that only the other one has (a gripper's, perhaps) are left out, which a `FileNote`
         says.
@@ -158,7 +158,7 @@ class RobotLimits:
         return any(np.isfinite(own.get("acceleration", _UNLIMITED)).all() for own in known)
 
     def with_acceleration(self, size: float) -> RobotLimits:
-        """These, and this acceleration limit for joints that have none, rad/s² (m/s²)."""
+        """Return these limits, with this acceleration limit for joints without one, rad/s²."""
         without = [name for name in self.joints if not self.limits_acceleration([name])]
         own = {name: {**self.joints[name], "acceleration": (-size, size)} for name in without}
         return replace(self, joints={**self.joints, **own}, completed=frozenset(without))

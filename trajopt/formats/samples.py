@@ -29,8 +29,10 @@ class Samples:
         joint_units: "rad", or "m" for a prismatic joint; empty if unknown.
         half_digits: Half a unit of the last digit of each position, as its text had them, rad,
             `(samples, joints)`; None for samples that were not read from a text.
-        time_half_digit: The same of the times, s; 0 where they are on an even grid.
-        decimals: Of each joint's column, in its unit; empty without `half_digits`.
+        time_half_digit: Half a unit of the last digit of the times, s; 0 where they are on an even
+            grid.
+        decimals: Number of decimals of each joint's column, in its unit; empty without
+            `half_digits`.
         velocity_half_digits: As `half_digits`, of the velocities, rad/s.
 
     Raises:
@@ -69,7 +71,7 @@ class Samples:
         return replace(self, **own)
 
     def interpolation(self, wanted: Interpolation = "auto") -> Interpolation:
-        """The interpolation that is meant: for `auto`, the controller's.
+        """Return the interpolation; for `auto`, the controller's.
 
         Raises:
             InvalidInput: The samples lack what it needs.

@@ -7,8 +7,8 @@
 Cells are separated by commas, semicolons, tabs or spaces; lines that start with # are no rows. JSON
 is a list of rows, or an object with `waypoints` and, if known, `joint_names` and `unit`.
 
-A prismatic joint is in metres: the robot says which joints slide, and a header may say [m] or [mm].
-"deg" as the argument `unit` or as the key `unit` is of the angles only.
+A prismatic joint is in metres: the robot's limits state which joints slide, and a header may have
+[m] or [mm]. The unit "deg", as argument or as key `unit`, is for angles only.
 """
 
 from __future__ import annotations

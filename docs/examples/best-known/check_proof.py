@@ -1,6 +1,7 @@
 """Check a record's lower bound in exact fractions: python check_proof.py < RECORD.json
 
-Numbers are fractions. Roots and quotients are rounded to 128 binary places, to the safe side.
+All numbers are fractions. Roots and quotients are rounded to 128 binary places, such that the bound
+only gets smaller.
 """
 
 import hashlib
@@ -77,7 +78,7 @@ def sided(pairs):  # a missing limit is infinite
     return [[-inf if x is None else x, inf if y is None else y] for x, y in pairs]
 
 
-def separate(points, least):  # leave out points that equal the last one but for rounding
+def separate(points, least):  # leave out points that equal the last one up to rounding
     rounding = [SAME * max(map(abs, column)) for column in zip(*points, strict=True)]
     kept, last = [0], points[0]
     for k, point in enumerate(points[1:], start=1):
@@ -88,7 +89,7 @@ def separate(points, least):  # leave out points that equal the last one but for
     return kept
 
 
-def exact(points, changes):  # which are not between brief steps in line: rounding may miss these
+def exact(points, changes):  # leave out points between brief steps in line, see (7.1)
     columns = list(zip(*points, strict=True))
     steps = [[y - x for x, y in zip(a, b, strict=True)] for a, b in pairwise(points)]
     largest = [max(map(abs, column)) for column in zip(*steps, strict=True)]
@@ -113,7 +114,7 @@ def exact(points, changes):  # which are not between brief steps in line: roundi
     return [k for k in range(len(points)) if k not in spared]
 
 
-def apart(points, room, waits, least):  # what is passed with another point is left out
+def apart(points, room, waits, least):  # leave out points whose boxes overlap a neighbour's
     def is_apart(i, k):
         ways = zip(points[i], points[k], room[i], room[k], strict=True)
         return any(least[i:k]) or any(abs(x - y) > APART * (r + s) for x, y, r, s in ways)
