@@ -9,6 +9,7 @@ without a solver.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -70,7 +71,12 @@ class Bound:
 
 
 def prove(
-    problem: Problem, family: Family = "free", *, within: float = 1e-4, time_limit: float = 60.0
+    problem: Problem,
+    family: Family = "free",
+    *,
+    within: float = 1e-4,
+    time_limit: float = 60.0,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Bound:
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
@@ -81,31 +87,36 @@ def prove(
         time_limit: Seconds, building the programs included; then the bounds reached are the answer.
             A problem whose first program alone takes longer (and longer than one second) gets a
             bound in closed form and a message.
+        clock: The clock of the time limit. By `time.process_time` what else the machine does
+            changes no bound.
 
     Raises:
         InvalidInput: An argument cannot be used.
         MissingBackend: HiGHS is not installed.
         TrajoptError: HiGHS breaks down.
     """
-    began = time.perf_counter()
+    began = clock()
+
+    def late() -> bool:
+        return clock() > began + time_limit
+
     if family not in ("free", "spline353"):
         raise InvalidInput("family", "'free' or 'spline353'", value=family)
     simpler = SIMPLEST.apply(problem)
     if family == "free":
-        bound = _free(simpler, within, began, time_limit)
+        bound = _free(simpler, within, late, time_limit)
     else:
-        bound = _spline353(simpler, within, began + time_limit)
+        bound = _spline353(simpler, within, late)
     if bound.trajectory is None:
         return bound
     return replace(bound, trajectory=SIMPLEST.restored(problem, bound.trajectory))
 
 
-def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:
+def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit: float) -> Bound:
     """Bound all trajectories by linear programs, without the waypoints that rounding may miss."""
     needed = _SECONDS_PER_CELL * cells(problem)
     if needed > max(time_limit, _MIN_TIME_LIMIT_S):
         return _not_begun(problem, needed, time_limit)
-    deadline = began + time_limit
     best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
     # without a trajectory, the time of stopping at every waypoint is the target
     waits = problem.route.demand("dwell").sum()
@@ -128,12 +139,11 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
         known = best.duration
         passed = best.trajectory.waypoint_times[counted(problem)]
         motion = replace(best.trajectory, waypoint_times=passed)
-    outcome = branch_and_bound(relaxation, known / (1 + within), within, deadline, motion)
-    late = time.perf_counter() > deadline
+    outcome = branch_and_bound(relaxation, known / (1 + within), within, late, motion)
     dropped = np.flatnonzero(~counted(problem)) + 1
     if "given_times" in problem.demands and outcome.lower_bound > given * (1 + _ROUNDING_RTOL):
         return _impossible(given, outcome.lower_bound, outcome.proof)
-    word = "time limit" if late else "stopped: no progress"
+    word = "time limit" if late() else "stopped: no progress"
     bound = _bound(outcome.lower_bound, best, within, word, outcome.proof)
     if "tolerance" not in problem.demands or not len(dropped):
         return bound
@@ -148,14 +158,14 @@ def _impossible(given: float, lower: float, proof: BoundProof | None) -> Bound:
     return Bound(lower, np.inf, np.inf, "infeasible", None, message, proof)
 
 
-def _spline353(problem: Problem, within: float, deadline: float) -> Bound:
+def _spline353(problem: Problem, within: float, late: Callable[[], bool]) -> Bound:
     """Bound the 3-5-3 splines by boxes of their two ratios."""
     if problem.segments != 3:
         raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
     reason = spline353.infeasible(problem)
     if reason is not None:
         return Bound(np.inf, np.inf, 0.0, "infeasible", None, reason)
-    times, proof = ratio_boxes.best_spline(problem, within, deadline)
+    times, proof = ratio_boxes.best_spline(problem, within, late)
     best = kept(problem, spline353.trajectory(problem, times))
     if proof is None:
         return _bound(end_to_end_bound(problem), best, within, "stopped: no progress", None)

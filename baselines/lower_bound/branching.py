@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -98,7 +97,11 @@ class ProvedBound(NamedTuple):
 
 
 def branch_and_bound(
-    problem: Problem, target: float, gap: float, deadline: float, motion: Trajectory | None = None
+    problem: Problem,
+    target: float,
+    gap: float,
+    late: Callable[[], bool],
+    motion: Trajectory | None = None,
 ) -> ProvedBound:
     """Prove that no motion is shorter than the target, or as much of it as there is time for.
 
@@ -106,7 +109,7 @@ def branch_and_bound(
         problem: Without identical consecutive waypoints; all its limits count.
         target: s. It need not be true: the bound proved is then below it.
         gap: Relative distance of the target from the fastest motion known; it sets the tolerances.
-        deadline: Of `time.perf_counter`.
+        late: Returns whether the time limit is over.
         motion: A good motion, whose costates give the first rows. Near the optimum they prove most.
 
     Raises:
@@ -123,7 +126,7 @@ def branch_and_bound(
     while dual_check.is_empty(relaxation.root_box()):
         cutoff *= _LONGER_CUTOFF
         relaxation = Relaxation.of(problem, cutoff)
-    search = _BranchAndBound(relaxation, target, gap, deadline)
+    search = _BranchAndBound(relaxation, target, gap, late)
     if motion is not None:
         search.add_active_rows(relaxation.at(problem, motion))
     try:
@@ -132,7 +135,7 @@ def branch_and_bound(
         if motion is None:
             raise
         # HiGHS has broken down on the motion's rows
-        return branch_and_bound(problem, asked, gap, deadline)
+        return branch_and_bound(problem, asked, gap, late)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
     return ProvedBound(lower_bound, proof, search.splits, search.pool.programs)
@@ -141,9 +144,11 @@ def branch_and_bound(
 class _BranchAndBound:
     """The linear program with all rows found so far, and the tree."""
 
-    def __init__(self, relaxation: Relaxation, target: float, gap: float, deadline: float) -> None:
+    def __init__(
+        self, relaxation: Relaxation, target: float, gap: float, late: Callable[[], bool]
+    ) -> None:
         self.relaxation = relaxation
-        self.deadline = deadline
+        self.late = late
         self.target = target / relaxation.time_unit
         self.least_violation = max(_FINAL_VIOLATION_SHARE * gap, _MIN_VIOLATION)
         self.total = relaxation.total()
@@ -165,10 +170,6 @@ class _BranchAndBound:
             for at in np.linspace(*ends, _TANGENTS_PER_SEGMENT).tolist():
                 self.pool.add([Tangent(segment, at)])
 
-    @property
-    def late(self) -> bool:
-        return time.perf_counter() > self.deadline
-
     def run(self) -> _Node:
         """Return the tree, grown until the deadline or until HiGHS breaks down."""
         root = _Node(self.relaxation.root_box(), 0.0)
@@ -188,7 +189,7 @@ class _BranchAndBound:
         pending = [(root.bound, next(order), root)]
         best = root.bound
         idle_splits = 0
-        while not self.late and idle_splits < _MAX_IDLE_SPLITS:
+        while not self.late() and idle_splits < _MAX_IDLE_SPLITS:
             bound, _, node = heapq.heappop(pending)
             if bound >= self.target or not self._widths(node.box).any():
                 break
@@ -207,7 +208,7 @@ class _BranchAndBound:
         """Bound the time in a box, and narrow the box while that pays."""
         self._bound_total(node, rounds)
         for sweep in range(sweeps):
-            if node.bound >= self.target or self.late:
+            if node.bound >= self.target or self.late():
                 return
             before = self._widths(node.box).sum()
             self._sweep(node, with_accelerations=sweep > 0 or rounds == _MAX_NODE_ROUNDS)
@@ -230,7 +231,7 @@ class _BranchAndBound:
             answer = self.pool.minimised(self.total)
             self._prove_leaf(node, answer)
             missing = self.target - node.bound
-            if missing <= 0 or answer.x is None or self.late:
+            if missing <= 0 or answer.x is None or self.late():
                 return
             added = self._separate(answer.x, violation)
             slow = answer.value - before < _MIN_PROGRESS * missing
@@ -287,7 +288,7 @@ class _BranchAndBound:
             columns += relaxation.acceleration[:, relaxation.jerky].ravel().tolist()
         for column in columns:
             for kind in (dual_check.RAISE, dual_check.LOWER):
-                if self.late:
+                if self.late():
                     return
                 self._tighten(node, kind, column)
                 if dual_check.is_empty(node.box) or node.bound >= self.target:
@@ -369,7 +370,7 @@ class _BranchAndBound:
         cuts = extremal.violated(relaxation, x, violation / 2)
         done = {(cut.segment, cut.joint) for cut in cuts}
         for separation in self.separations:
-            if self.late:
+            if self.late():
                 break
             place = (separation.segment, separation.joint)
             cells = None if place in done else separation.most_violated(x, violation)

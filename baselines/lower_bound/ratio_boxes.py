@@ -9,8 +9,7 @@ the order in which they are found, are the proof. It is checked without a solver
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -90,14 +89,15 @@ class ProvedSpline(NamedTuple):
     proof: RatioProof | None
 
 
-def best_spline(problem: Problem, within: float, deadline: float) -> ProvedSpline:
+def best_spline(problem: Problem, within: float, late: Callable[[], bool]) -> ProvedSpline:
     """Search until no spline is shorter than the best one known by more than a given share.
 
     Args:
         problem: With four waypoints that differ from their neighbours, and some spline that keeps
             the position limits.
         within: Relative gap of both bounds at which to stop.
-        deadline: Of `time.perf_counter`. The proof of the last gap reached is the answer.
+        late: Returns whether the time limit is over. The proof of the last gap reached is the
+            answer.
     """
     spline = MovingSpline.of(problem)
     times = Spline353NLP().solve(problem).stats["segment_times"]
@@ -108,7 +108,7 @@ def best_spline(problem: Problem, within: float, deadline: float) -> ProvedSplin
         gap = max(within, reached / _GAP_STEP)
         ratios = Ratios(spline, times.sum() / (1 + gap))
         instants = np.unique(np.append(even, _critical_instants(spline, times)))
-        outcome = ratios.search(instants, deadline)
+        outcome = ratios.search(instants, late)
         if outcome.times is not None:
             times = outcome.times
         elif outcome.proof is not None:
@@ -173,21 +173,20 @@ class Ratios:
         highest = np.log(high[1] / low[::2]) + _ROUNDING_RTOL
         self.root = Boxes(lowest[None], highest[None])
 
-    def search(self, instants: Array, deadline: float) -> SearchResult:
+    def search(self, instants: Array, late: Callable[[], bool]) -> SearchResult:
         """Halve boxes until all are proved, a shorter spline is found, or time is over.
 
         Args:
             instants: Normalised instants to begin with.
-            deadline: Of `time.perf_counter`.
+            late: Returns whether the time limit is over.
         """
         if self.is_empty:
             return SearchResult(self._proof(instants, []), None)
         boxes = self.root
         flags: list[Bools] = []
         while len(boxes.low):
-            late = time.perf_counter() > deadline
             width = (boxes.high - boxes.low).max()
-            if late or width < _MIN_LOG_WIDTH or len(boxes.low) > _MAX_BOXES:
+            if late() or width < _MIN_LOG_WIDTH or len(boxes.low) > _MAX_BOXES:
                 return SearchResult(None, None)
             rows = self._rows(instants)
             proved = self._proved(rows, boxes)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from decimal import Decimal
 from typing import Any
 
@@ -62,6 +63,14 @@ def exact(text: str) -> Decimal:
     """A finite decimal number with all its digits; raises `ValueError` as `decimal` does."""
     decimal(text)
     return Decimal(text)
+
+
+def floats(texts: Iterable[str]) -> list[float]:
+    """Read finite decimal numbers; any other text becomes NaN or infinite."""
+    return [
+        float(text) if len(text) <= MAX_LENGTH and _DECIMAL.fullmatch(text) else math.nan
+        for text in texts
+    ]
 
 
 def is_number(value: Any) -> bool:

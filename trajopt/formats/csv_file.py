@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
+from functools import cached_property
+
+import numpy as np
 
 from trajopt.core import files, numerals
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 
 Line = tuple[int, str]  # its number in the file, and its text
@@ -69,39 +72,45 @@ class Table:
         first, *others = self.headings
         return any(others) and _INDEX.fullmatch(first) is not None
 
-    def texts(self) -> set[int]:
-        """Return the columns without a number in the first lines."""
-        rows = (cells for _, cells, _ in islice(self.rows(()), _LOOKED_AT))
-        columns = enumerate(zip(*rows, strict=True))
-        return {index for index, cells in columns if not any(map(_is_number, cells))}
-
-    def rows(self, columns: Sequence[int]) -> Iterator[tuple[int, list[str], list[float]]]:
-        """Yield each line's number, its cells, and the numbers in these columns.
+    @cached_property
+    def columns(self) -> Sequence[Sequence[str]]:
+        """The cells, column by column.
 
         Raises:
-            InvalidInput: Another number of cells, or a cell that is not a finite number.
+            InvalidInput: A line has another number of cells.
         """
-        for index, (line, text) in enumerate(self.lines):
-            own = _cells(text, self.separator)
-            if len(own) != len(self.headings):
-                right = f"{len(self.headings)} cells, one per column of the first line"
-                if index == 0 and self.preceded:
-                    key = f"line {self.line}"
-                    right = f"a header; {ABOVE}"
-                    raise InvalidInput(key, right, value=" ".join(self.headings))
-                raise InvalidInput(f"line {line}", right, value=len(own))
-            row = []
-            for column in columns:
-                number = numerals.parsed(own[column])
-                if number is None or not numerals.is_number(number):
-                    key = self.place(line, column)
-                    right = "a finite number, like -1.5e-3"
-                    raise InvalidInput(key, right, value=own[column])
-                row.append(float(number))
-            yield line, own, row
+        rows = [_cells(text, self.separator) for _, text in self.lines]
+        for (line, _), row in zip(self.lines, rows, strict=True):
+            if len(row) == len(self.headings):
+                continue
+            if row is rows[0] and self.preceded:
+                right = f"a header; {ABOVE}"
+                raise InvalidInput(f"line {self.line}", right, value=" ".join(self.headings))
+            right = f"{len(self.headings)} cells, one per column of the first line"
+            raise InvalidInput(f"line {line}", right, value=len(row))
+        return [*zip(*rows, strict=True)] or [()] * len(self.headings)
 
-    def place(self, line: int, column: int) -> str:
-        """Name a cell, for errors; columns count from 1."""
+    def texts(self) -> set[int]:
+        """Return the columns without a number in the first lines."""
+        first = [cells[:_LOOKED_AT] for cells in self.columns]
+        return {index for index, own in enumerate(first) if own and not any(map(_is_number, own))}
+
+    def numbers(self, columns: Sequence[int]) -> Array:
+        """Return the numbers of these columns, `(lines, columns)`.
+
+        Raises:
+            InvalidInput: A cell is not a finite number; names the first one in the file.
+        """
+        found = np.array([numerals.floats(self.columns[index]) for index in columns]).T
+        for row, own in np.argwhere(~np.isfinite(found)).tolist():
+            value = self.columns[columns[own]][row]
+            key = self.place(row, columns[own])
+            raise InvalidInput(key, "a finite number, like -1.5e-3", value=value)
+        return found
+
+    def place(self, row: int, column: int) -> str:
+        """Name a cell, for errors, by its line in the file and its column, from 1."""
+        line, _ = self.lines[row]
         where = f"line {line}, column {column + 1}"
         return f"{where}, {self.headings[column]}," if self.headings[column] else where
 
@@ -164,8 +173,9 @@ def _is_number(cell: str) -> bool:
 
 def _cells(line: str, separator: str | None) -> list[str]:
     """The cells of a line; without a separator they are the words."""
-    row = line.split()
-    if separator is not None:
+    row = line.split(separator)
+    if separator is not None and '"' in line:
         (row,) = csv.reader([line], delimiter=separator)
-    decimal = "." if separator in (";", "\t") else ","
-    return [cell.strip().replace(",", decimal) for cell in row]
+    if separator in (";", "\t"):
+        row = [cell.replace(",", ".") for cell in row]
+    return [*map(str.strip, row)]

@@ -35,6 +35,7 @@ from types import MappingProxyType
 import numpy as np
 
 from trajopt.core import files
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput
 from trajopt.core.units import ANGLES, LENGTHS, TIMES, UNITS, asked, completed, contradicted
 from trajopt.formats import csv_file, digits
@@ -192,30 +193,19 @@ def _samples(
 
     clock = [time, *_nanoseconds(time, columns)]
     chosen = [*clock, *chain(*joints.values())]
-    rows: list[list[float]] = []
-    elapsed = [0.0]
-    stamps: list[Decimal] = []
-    start = Decimal()
-    texts: list[list[str]] = []
-    read_columns = [column.index for column in chosen]
-    for line, cells, row in table.rows(read_columns):
-        # Of times like 1.7e9 the difference keeps every digit.
-        exact = Decimal(cells[time.index])
-        for own in clock[1:]:
-            exact += Decimal(cells[own.index]).scaleb(-9)
-        if rows:
-            elapsed.append(float(exact - start))
-            if elapsed[-1] <= elapsed[-2]:
-                key = table.place(line, time.index)
-                right = "a time after that of the line before"
-                raise InvalidInput(key, right, value=float(exact))
-        else:
-            start = exact
-        rows.append(row[len(clock) :])
-        texts.append([cells[index] for index in read_columns[len(clock) :]])
-        stamps.append(exact)
-    if len(rows) < 2:
-        raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
+    numbers = table.numbers([column.index for column in chosen])[:, len(clock) :]
+    # Of times like 1.7e9 the difference keeps every digit.
+    stamps = [*map(Decimal, table.columns[time.index])]
+    for own in clock[1:]:
+        parts = table.columns[own.index]
+        stamps = [sec + Decimal(part).scaleb(-9) for sec, part in zip(stamps, parts, strict=True)]
+    if len(stamps) < 2:
+        raise InvalidInput("samples", "at least two lines of numbers", value=len(stamps))
+    start = stamps[0]
+    elapsed = np.array([float(stamp - start) for stamp in stamps])
+    for row in np.flatnonzero(np.diff(elapsed) <= 0)[:1] + 1:
+        right = "a time after that of the line before"
+        raise InvalidInput(table.place(row, time.index), right, value=float(stamps[row]))
     unit = time.unit or wanted.get("time") or _time_unit(float(start), elapsed)
     notes = [f"times count from {start} {unit}"] if start else []
     others = (column for column in columns if column not in chosen)
@@ -229,19 +219,19 @@ def _samples(
         warnings.warn(FileNote(f"{name}: {'; '.join(notes)}"), stacklevel=2)
 
     sizes = [UNITS[own] for own in chain(*units)]
-    numbers = np.array(rows)
-    parts = np.hsplit(numbers * sizes, len(joints))
-    half, decimals = digits.of_columns([*zip(*texts, strict=True)], numbers)
+    fields = np.hsplit(numbers * sizes, len(joints))
+    texts = [table.columns[column.index] for column in chosen[len(clock) :]]
+    half, decimals = digits.of_columns(texts, numbers)
     halves = dict(zip(joints, np.hsplit(half * sizes, len(joints)), strict=True))
     return Samples(
         joint_names=tuple(column.joint for column in joints["positions"]),
-        times=np.array(elapsed) * TIMES[unit],
+        times=elapsed * TIMES[unit],
         joint_units=tuple("m" if own in LENGTHS else "rad" for own in units[0]),
         half_digits=halves["positions"],
         velocity_half_digits=halves.get("velocities"),
         time_half_digit=_time_half_digit(stamps) * TIMES[unit],
         decimals=decimals[: len(units[0])],
-        **dict(zip(joints, parts, strict=True)),
+        **dict(zip(joints, fields, strict=True)),
     )
 
 
@@ -257,7 +247,7 @@ def _nanoseconds(time: _Column, columns: Sequence[_Column]) -> list[_Column]:
     return [own for own in columns if own.name != time.name == _NANO.sub("", own.name)]
 
 
-def _time_unit(start: float, elapsed: Sequence[float]) -> str:
+def _time_unit(start: float, elapsed: Array) -> str:
     """The unit of times whose heading says none."""
     step = float(np.median(np.diff(elapsed)))
     since = _unit_since_1970(start)
@@ -442,17 +432,17 @@ def _header(columns: Sequence[_Column], table: Table, known: Sequence[str]) -> s
     if clock.unit:
         cells[clock.index] = f"time [{clock.unit}]"
     elif not _nanoseconds(clock, columns):
-        cells[clock.index] = _heading_of_times([row[0] for _, _, row in table.rows([clock.index])])
+        cells[clock.index] = _heading_of_times(table.numbers([clock.index])[:, 0])
     return ",".join(cells)
 
 
 def _rises(table: Table) -> bool:
     """Return whether the first column rises, as times do."""
-    first = [row[0] for _, _, row in table.rows([0])]
+    first = table.numbers([0])[:, 0]
     return bool((np.diff(first) > 0).all())
 
 
-def _heading_of_times(times: Sequence[float]) -> str:
+def _heading_of_times(times: Array) -> str:
     """A heading with the largest unit in which these are times since 1970, or a log's steps."""
     if len(times) < 2:
         return TIME

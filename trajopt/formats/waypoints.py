@@ -192,8 +192,9 @@ def _read_csv(path: Path) -> Waypoints:
     ]
     if left_out:
         warnings.warn(FileNote(f"{path.name}: left out: {', '.join(left_out)}"), stacklevel=2)
-    rows = [row for _, _, row in table.rows(columns)]
-    return Waypoints(waypoint_table(rows), tuple(filter(None, names)), tuple(units))
+    return Waypoints(
+        waypoint_table(table.numbers(columns).tolist()), tuple(filter(None, names)), tuple(units)
+    )
 
 
 def _read_npy(path: Path) -> Waypoints:
