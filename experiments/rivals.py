@@ -2,6 +2,7 @@
 
     python -m experiments.rivals            # 44 problems, half an hour of CPU
     python -m experiments.rivals --quick    # six-axis alone
+    python -m experiments.rivals --rival gcs
 
 Every rival runs twice on the six-axis problem, `jerk-limit` and the 42 problems of eleven arms: as
 in its authors' example (one try), and with the same effort for all, the best of twelve settings
@@ -13,7 +14,7 @@ The folder `--output` keeps the trials, and a second run adds only what is missi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cyclopts
@@ -31,6 +32,8 @@ RIVALS = {
     "copp, effort": "copp",
     "drake-kto, documented": "drake-kto:tries=1",
     "drake-kto, effort": "drake-kto",
+    "gcs, documented": "gcs:tries=1",
+    "gcs, effort": "gcs",
     "totg, documented": "totg:tries=1",
     "totg, effort": "totg",
     "minsnap, documented": "minsnap:tries=1",
@@ -52,18 +55,25 @@ def problems() -> Iterator[tuple[str, Problem]]:
         yield group, problem
 
 
-def main(*problem: str, output: Path = Path("results/rivals"), quick: bool = False) -> None:
+def main(
+    *problem: str,
+    rival: Sequence[str] = (),
+    output: Path = Path("results/rivals"),
+    quick: bool = False,
+) -> None:
     """Run what is missing, then write and print the table.
 
     Args:
         problem: Names of problems; all 44 if none is given.
+        rival: Planners; all if none is given.
         output: The folder.
         quick: The problem six-axis alone.
     """
     if quick:
         problem = ("six-axis",)
     chosen = [(group, own) for group, own in problems() if not problem or own.name in problem]
-    trials = compared(chosen, RIVALS.items(), output)
+    run = {row: spec for row, spec in RIVALS.items() if not rival or row.split(",")[0] in rival}
+    trials = compared(chosen, run.items(), output)
     table = spread(trials, ["planner"])
     rows = [row for row in RIVALS if row in table.index]
     groups = [group for group in GROUPS if group in table]

@@ -10,6 +10,7 @@ and are judged as every other planner is.
 - `totg.py`: the fastest timing of a path;
 - `copp.py`: the same under jerk limits;
 - `drake_kto.py`: the fastest B-spline;
+- `drake_gcs.py`: the fastest Bézier curves through boxes;
 - `minsnap.py`: splines of least snap.
 """
 

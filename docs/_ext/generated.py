@@ -403,6 +403,7 @@ WHOSE = {
     "de": "R. Storn and K. Price (1997), in SciPy",
     "copp": "the authors of COPP",
     "drake-kto": "the authors of Drake",
+    "gcs": "the authors of Drake",
     "minsnap": "D. Mellinger and V. Kumar (2011), in minsnap_trajectories",
     "mealpy": "the authors of mealpy, and of each optimiser in it",
     "pymoo": "the authors of pymoo, and of each optimiser in it",

@@ -133,6 +133,29 @@ def test_kto_is_a_bspline_through_the_waypoints() -> None:
     np.testing.assert_allclose(times, shares, atol=1e-12)
 
 
+def test_gcs_passes_through_boxes_and_begins_in_motion() -> None:
+    # one joint turns 0.1 before its waypoint: 0.9 there, and as far back; exact curves are faster
+    gcs = installed("gcs:tries=4")
+    there = Problem([[0.0], [1.0], [0.0]], Limits([9.0], [2.0]), demands={"tolerance": 0.1})
+    least = 4 * np.sqrt(0.9 / 2)
+    assert least <= duration(there, gcs.solve(there)) <= 1.3 * least
+    # from 0.5 rad/s it speeds up to √(2 + 0.125) rad/s, and brakes
+    moving = Problem([[0.0], [1.0]], Limits([3.0], [2.0]), demands={"start_velocity": [0.5]})
+    least = (2 * np.sqrt(2 + 0.125) - 0.5) / 2
+    solution = gcs.solve(moving)
+    assert least <= duration(moving, solution) <= 1.3 * least
+    assert solution.trajectory is not None
+    np.testing.assert_allclose(solution.trajectory(0.0, 1), [0.5], atol=1e-6)
+
+
+def test_gcs_keeps_limits_of_jerk_and_position_by_itself() -> None:
+    gcs = installed("gcs:tries=1")
+    for name in ("jerk-limit", "position-limits"):
+        solution = gcs.solve(load(name))
+        assert solution.trajectory is not None
+        assert verify(load(name), solution.trajectory).dilation < 1 + 1e-6
+
+
 def test_totg_runs_its_own_motion_through_the_waypoints() -> None:
     """Its duration is that of TOTG's own clock, but for errors between the points."""
     problem = load("six-axis")

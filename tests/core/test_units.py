@@ -26,6 +26,7 @@ NOT_WITH_JERK = {
     "prove": "its trajectory is exact-jerk's",
     "copp": "its cone solver stops early: rounding alone changes 1e-4 to 1e-3",
     "drake-kto": "SNOPT finds a spline or none",
+    "gcs": "SNOPT finds curves or none",
 }
 NOT_AT_ALL = {"totg": "it rounds the path's corners by a tolerance that is an option, in radians"}
 QUICK = {

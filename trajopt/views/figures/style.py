@@ -30,7 +30,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 KNOWN = (
     *("exact", "issa", "toppra", "ruckig-stop", "pso", "spline353-nlp", "ssa"),
     *("unoptimised", "ruckig-search", "exact-jerk", "collocation", "prove", "cmaes", "de"),
-    *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg"),
+    *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg", "gcs"),
 )
 
 # Names for readers who do not know this toolkit's.
