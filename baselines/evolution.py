@@ -1,8 +1,9 @@
 """The 3-5-3 segment times by two established optimisers, to compare the swarms with.
 
-CMA-ES (Hansen's own library, `cma`) and differential evolution (SciPy) behind the swarms' own
-interface: the same box, fitness and budget, every evaluation counted. Both search the unit cube,
-mapped linearly to the box, and start anew once they have converged, so that no budget lies idle.
+CMA-ES (Hansen's own library, `cma`) and differential evolution (SciPy) have the interface of the
+swarms: the same box, fitness and budget, and every evaluation is counted. Both search the unit
+cube, mapped linearly to the box. When they have converged they start again until the budget is
+spent.
 
     from baselines.evolution import cmaes, de
     solution = cmaes.solve(problem, seed=1)
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 Run = Generator[Array, Array, None]
 
-# Replaces an infinite or missing fitness: its square is still finite.
+# Replaces an infinite or NaN fitness; its square is still finite.
 _INFINITE_FITNESS = 1e100
 
 
@@ -46,7 +47,7 @@ class Evolution(Optimiser):
 
     @abstractmethod
     def run(self, random: Random, dim: int) -> Run:
-        """Yield candidates `(population, dim)` and be sent their fitness, without end."""
+        """Yield candidates `(population, dim)` without end, and receive their fitness by `send`."""
 
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         dim = box.low.shape[-1]
@@ -67,8 +68,8 @@ class CMAES(Evolution):
       7 for three times); `growth`: what multiplies it at every restart (1 keeps it);
     - `sigma0`: the first standard deviation, as a fraction of the box; the library allows a third.
 
-    Every descent starts at a point drawn uniformly and ends by the library's own tests. The walls
-    are the library's default too, `BoundTransform`: a smooth map that folds the line into the box.
+    Every descent starts at a point drawn uniformly and ends by the library's own tests. Bounds are
+    kept by the library's default, `BoundTransform`, a smooth map of all numbers into the box.
 
     Raises `InvalidInput` for bad options and, in the search, for a single dimension, which the
     library does not support; `MissingBackend`, in the search, where `cma` is not installed.
@@ -90,7 +91,7 @@ class CMAES(Evolution):
             population *= self.growth
 
     def _descent(self, random: Random, dim: int, population: int) -> Run:
-        """One descent until it has converged; a large population is asked in several batches."""
+        """Run one descent until it has converged; a large population is yielded in batches."""
         options = {"popsize": population, "randn": lambda *shape: random.standard_normal(shape)}
         strategy = backend("cma", "cma").CMAEvolutionStrategy(
             random.random(dim), self.sigma0, options | _QUIET
@@ -119,8 +120,8 @@ class DE(Evolution):
 
     - `strategy`, `recombination`: SciPy's, with SciPy's defaults; its mutation factor is dithered
       from 0.5 to 1;
-    - `tolerance`: where the population's fitness differs by no more than this fraction of its
-      best, it has converged, and a new one is drawn.
+    - `tolerance`: a population whose fitness differs by no more than this fraction of the best has
+      converged, and a new one is drawn.
 
     Raises `InvalidInput` for bad options.
     """
@@ -161,10 +162,11 @@ class DE(Evolution):
                 f = np.where(better, told, f)
 
     def _trials(self, x: Array, f: Array, random: Random) -> tuple[Array, Array, Array]:
-        """The population, its fitness (SciPy moves the best to the front) and their rivals.
+        """Return the population, its fitness (the best first, as SciPy orders it) and its trials.
 
-        SciPy calls its objective and cannot be asked. So each generation is a call of its own: its
-        first evaluation is known, its second shows the rivals, and none of them is accepted yet.
+        SciPy calls the objective itself and does not return its trial vectors. So each generation
+        is a call of SciPy of its own. In that call the first evaluation is already known, and the
+        second one shows the trial vectors before any of them is accepted.
         """
         import scipy  # late: planners that are only listed need none of it
 
@@ -198,21 +200,21 @@ def _finite(fitness: Array) -> Array:
 
 @dataclass(frozen=True)
 class EvolutionPlanner(SwarmPlanner):
-    """A `SwarmPlanner` that runs on request: a reference for the swarms."""
+    """A `SwarmPlanner` that runs on request, to compare the swarms with."""
 
     on_request = True
 
 
 @dataclass(frozen=True)
 class CMAESPlanner(EvolutionPlanner):
-    """A `SwarmPlanner` that is listed as missing where `cma` is; importing it counts as setup."""
+    """A `SwarmPlanner` that requires `cma`; importing it is part of the setup time."""
 
     optimiser: Optimiser = field(default_factory=CMAES)
     requires = ("cma",)
     extra = "cma"
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        """One answer per seed; raises `MissingBackend` where `cma` is not installed."""
+        """Return one answer per seed; raises `MissingBackend` where `cma` is not installed."""
         began = time.perf_counter()
         backend("cma", "cma")
         setup_time = time.perf_counter() - began

@@ -1,8 +1,8 @@
-"""IPOPT through CasADi, as every planner that uses it does: options and one run.
+"""IPOPT through CasADi, for every planner that uses it: options and one run.
 
-A program's variables, parameters and constraints are tables (segments × joints, say). CasADi wants
-vectors: all tables one after another, each column by column. `program` and `flat` keep to that
-order, for symbols and for numbers; `unflat` leads back.
+A program's variables, parameters and constraints are tables, for example segments × joints. CasADi
+requires vectors: all tables one after another, each column by column. `program` and `flat` use that
+order for symbols and for numbers; `unflat` is the inverse of `flat`.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _QUIET: Options = {"print_level": 0, "sb": "yes"}
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Where IPOPT ended.
+    """The result of a run of IPOPT.
 
     Attributes:
-        x: the variables, as `flat` orders them.
-        status: IPOPT's own word, `Solve_Succeeded` for one.
+        x: the variables, in the order of `flat`.
+        status: IPOPT's own word, for example `Solve_Succeeded`.
         success: whether IPOPT calls it solved and every number is finite.
     """
 
@@ -49,10 +49,10 @@ class Program:
     def __call__(
         self, start: Array, parameters: Array, bounds: Bounds, constraint_bounds: Bounds
     ) -> Run:
-        """One run of IPOPT.
+        """Run IPOPT once.
 
         Args:
-            start: where it starts, a value per variable.
+            start: initial guess, a value per variable.
             parameters: the problem's numbers.
             bounds: lowest and highest value of every variable.
             constraint_bounds: lowest and highest value of every constraint.
@@ -71,7 +71,7 @@ class Program:
         return Run(x, str(stats["return_status"]), success)
 
     def linear(self, x: Array, parameters: Array) -> tuple[Array, scipy.sparse.csr_array]:
-        """All constraints at a point, and their derivatives by the variables."""
+        """Return all constraints at a point, and their derivatives by the variables."""
         import scipy  # late: planners that are only listed need none of it
 
         derivatives = self._solver.get_function("nlp_jac_g")
@@ -88,7 +88,9 @@ def program(
     constraints: Iterable[Any],
     options: Options,
 ) -> Program:
-    """An NLP from tables of CasADi's symbols; building one costs more than solving it: keep it.
+    """Return a program made of tables of CasADi's symbols.
+
+    Building a program takes longer than solving it, so callers keep it.
 
     Args:
         name: CasADi's name for it.
@@ -114,12 +116,12 @@ def program(
 
 
 def flat(*tables: Array) -> Array:
-    """All tables of numbers in one vector, in CasADi's order."""
+    """Return all tables of numbers in one vector, in CasADi's order."""
     return np.concatenate([table.ravel(order="F") for table in tables])
 
 
 def unflat(x: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
-    """The tables of these shapes that `x` begins with: the inverse of `flat`."""
+    """Return the tables of these shapes with which `x` begins; the inverse of `flat`."""
     tables = []
     begin = 0
     for shape in shapes:

@@ -21,7 +21,7 @@ from trajopt.planners.planner import backend
 # Absolute feasibility tolerances of HiGHS, primal and dual: the usual one, and a second attempt's.
 TOLERANCE = 1e-9
 _SECOND_TOLERANCE = 1e-7
-# Rounding makes the simplex method go in circles now and then: it is stopped there.
+# Rounding can make the simplex method cycle; it is stopped after this many iterations.
 _MIN_ITERATIONS = 10_000
 _ITERATIONS_PER_ROW = 10
 _STANDARD_OUTPUT = 1
@@ -44,7 +44,7 @@ class LinearOptimum(NamedTuple):
 
 @contextmanager
 def _no_banner() -> Iterator[None]:
-    """Keep off standard output what HiGHS 1.16 prints as it starts, before it takes options."""
+    """Suppress the text that HiGHS 1.16 prints at its start, before options take effect."""
     if sys.stdout is None:  # it was closed
         yield
         return
@@ -155,7 +155,7 @@ class LinearProgram:
         return -np.array(ray)
 
     def basis(self) -> Any:
-        """The last basis: where a program with as many rows and variables can begin."""
+        """Return the last basis; a program of the same size can begin there."""
         return self.highs.getBasis()
 
     def begin_at(self, basis: Any) -> None:

@@ -6,15 +6,15 @@ where an optimiser has one.
 
 The budget is spent exactly:
 
-- an optimiser is told the whole budget. One that asks for more is stopped, in the middle of a
-  generation too; the best candidate so far is the answer. mealpy is told as many epochs as the
-  budget holds populations, whatever an epoch of the optimiser costs;
-- one that ends early starts anew, from another seed, until the budget is spent;
-- a candidate outside the box counts as the nearest one inside, and one that is not a list of finite
-  times as 1e100 s; both count.
+- an optimiser is given the whole budget. If it asks for more it is stopped, also in the middle of a
+  generation, and the best candidate so far is the answer. mealpy is given as many epochs as there
+  are populations in the budget, whatever an epoch of the optimiser costs;
+- an optimiser that ends early starts again with another seed until the budget is spent;
+- a candidate outside the box is evaluated as the nearest one inside. A candidate that is not a list
+  of finite times gets the fitness 1e100 s. Both count as evaluations.
 
-An optimiser that raises, or takes longer than `cpu_limit`, has failed: its answer says so, and how
-many evaluations it had made. One that hangs meets the time limit of the comparison.
+An optimiser that raises, or takes longer than `cpu_limit`, has failed. Its answer says so, with the
+number of its evaluations. An optimiser that hangs is stopped by the time limit of the comparison.
 
     from baselines.metaheuristics import Mealpy
     solution = Mealpy(name="OriginalGWO", evaluations=10_000).solve(problem, seed=1)
@@ -50,7 +50,7 @@ from trajopt.planners.objective import CLOSED_FORM, LOWER, UPPER, Fitness, Objec
 from trajopt.planners.planner import Planner, backend, raised
 from trajopt.planners.swarm.optimiser import check_choices, require
 
-# Replaces an infinite fitness: its square is still finite.
+# Replaces an infinite fitness; its square is still finite.
 _INFINITE_FITNESS = 1e100
 
 
@@ -63,11 +63,12 @@ class Late(BaseException):
 
 
 class Counted:
-    """The objective as a library sees it: counts, remembers the best, and ends the search.
+    """The objective for a library: it counts evaluations, keeps the best, and ends the search.
 
     Attributes:
-        spent: Candidates evaluated.
-        best: The best of them, `(variables,)`, s, of this `value`.
+        spent: Number of candidates evaluated.
+        best: The best of them, segment times, s, `(variables,)`.
+        value: Its fitness, s.
         rows: Evaluations spent and the best fitness by then, at each improvement.
     """
 
@@ -176,7 +177,7 @@ class Metaheuristic(Planner):
 
     @property
     def budget(self) -> int:
-        """Candidates evaluated, at most."""
+        """Return the largest number of candidates to evaluate."""
         if self.evaluations is not None:
             return self.evaluations
         return self.population * (1 + self.iterations)
@@ -187,7 +188,7 @@ class Metaheuristic(Planner):
         return objective.unsupported(problem, self.shape)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best candidate of one search. `stats`: segment times, s, and searches begun."""
+        """Return the best candidate. `stats`: segment times, s, and number of searches begun."""
         if self.shape == CLOSED_FORM:
             reason = spline353.infeasible(problem)
             if reason is not None:
@@ -237,7 +238,7 @@ class Metaheuristic(Planner):
         try:
             known = self.choices()["name"]
         except MissingBackend:
-            return  # where the library is missing, the comparison says so
+            return  # a missing library is reported by the comparison
         if self.name in known:
             return
         library = self.requires[0]
@@ -253,7 +254,7 @@ class Metaheuristic(Planner):
 def _objective(
     problem: Problem, shape: str, fitness: Fitness, lower: float, upper: float
 ) -> Objective:
-    """The objective, compiled: that takes as long as a short search, so the last ones are kept."""
+    """Return the compiled objective; compiling takes long, so the last ones are kept."""
     key = (problem.digest(), shape, fitness, lower, upper)
     if key not in _KEPT:
         made = Objective(problem, shape, fitness, lower=lower, upper=upper)
@@ -270,7 +271,7 @@ _MAX_KEPT = 8
 
 @contextmanager
 def _alone(seed: int) -> Iterator[None]:
-    """Seed the global random streams, and restore them; no warnings, no output."""
+    """Seed the global random streams and restore them afterwards; suppress warnings and output."""
     of_numpy = np.random.get_state()  # noqa: NPY002  # some optimisers draw from it
     of_python = random.getstate()
     np.random.seed(seed % 2**32)  # noqa: NPY002
@@ -310,7 +311,7 @@ def _limited(deadline: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-# CPU time after which a library that caught `Late` gets it again.
+# CPU time, s, after which `Late` is raised again in a library that caught it.
 _AGAIN_S = 1.0
 # Zero would switch the timer off.
 _SHORTEST_S = 1e-3
@@ -335,7 +336,7 @@ class Mealpy(Metaheuristic):
         kind = self.optimisers()[self.name]
         try:
             optimiser = kind(epoch=epochs, pop_size=self.population)
-        except ValueError:  # other options allow no such population: its own
+        except ValueError:  # the optimiser does not allow this population: its own default
             optimiser = kind(epoch=epochs)
         box = counted.fitness
         bounds = backend("mealpy", "mealpy").FloatVar(lb=box.low.tolist(), ub=box.high.tolist())
@@ -354,7 +355,7 @@ class Pymoo(Metaheuristic):
     @staticmethod
     @cache
     def optimisers() -> Mapping[str, Any]:
-        """Those for one objective whose own packages are installed."""
+        """Return the optimisers for one objective whose own packages are installed."""
         backend("pymoo", "pymoo")
         kind = import_module("pymoo.core.algorithm").Algorithm
         folder = import_module("pymoo.algorithms.soo.nonconvex")
@@ -424,7 +425,7 @@ class Nevergrad(Metaheuristic):
             optimiser.tell(asked, counted.one(asked.value))
 
     def _sized(self, made: Any) -> Any:
-        """The optimiser with this population, where it has one."""
+        """Return the optimiser with this population size, where it has one."""
         if isinstance(made, type) or "popsize" not in inspect.signature(type(made)).parameters:
             return made
         return type(made)(**{**made._config, "popsize": self.population})

@@ -1,19 +1,19 @@
 """Ruckig, the open edition (Berscheid & Kröger 2021), and a search of ours around it.
 
-The open edition takes no intermediate waypoints. So every segment is a section of its own, from one
-state (position, velocity, acceleration) to the next, with all joints arriving together.
-`RuckigStop` rests at every inner waypoint. `RuckigVia` starts there and improves the states at the
-inner waypoints.
+The open edition takes no intermediate waypoints. So Ruckig plans every segment as a section of its
+own, from one state (position, velocity, acceleration) to the next, and all joints arrive together.
+`RuckigStop` rests at every inner waypoint. `RuckigVia` starts from that motion and improves the
+states at the inner waypoints.
 
-Ruckig takes one jerk limit for both sides: of an asymmetric limit it gets the tighter side. It
+Ruckig takes one jerk limit for both sides, so of an asymmetric limit it gets the tighter side. It
 ignores position limits, so every section is checked against them here. Without a jerk limit it
 ignores accelerations. Its `minimum_duration` is a segment's least, or given, time.
 
-Its tolerances are absolute, so every section has units of its own: of time the time that it takes
-from stop to stop, of length what a joint can travel from stop to stop meanwhile, at its tightest
-limit. Then velocity limits are 1 or more, acceleration limits 4 or more, jerk limits 32 or more,
-displacements at most 1, and a miss of 1e-8 costs as little on a segment of 1e-5 rad as on one of 1
-rad. Degrees for radians, or milliseconds for seconds, give Ruckig the same numbers.
+Its tolerances are absolute, so every section has its own units. The unit of time is its time from
+rest to rest. The unit of length is the distance that a joint can travel from rest to rest in that
+time, under its tightest limit. Then velocity limits are at least 1, acceleration limits at least 4,
+jerk limits at least 32, displacements at most 1. A miss of 1e-8 costs as little in a segment of
+1e-5 rad as in one of 1 rad. Ruckig gets the same numbers whatever the units of the problem.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing planners needs none
+import scipy  # its submodules are imported when they are used: listing planners does not need them
 from numpy.typing import NDArray
 
 from baselines.linear_programs import LinearProgram
@@ -41,7 +41,7 @@ from trajopt.planners.rest_to_rest import stop_times
 
 # One joint's breaks and coefficients, as `Trajectory.joined` takes them.
 Part = tuple[Array, Array]
-# Numbers of segments, from 0, one per case.
+# Indices of segments, one per case.
 Numbers = NDArray[np.intp]
 # Evaluations spent, and the shortest total time by then, s.
 History = list[tuple[int, float]]
@@ -64,7 +64,7 @@ _LAST_RADIUS = 1e-5
 _GAIN_RTOL = 1e-7
 # Feasibility tolerance of the programs that propose steps.
 _ROW_TOLERANCE = 1e-7
-# Factors of the states at both ends: exactly opposite states at one place crash Ruckig 0.19.
+# Factors on the states at both ends: exactly opposite states at one position crash Ruckig 0.19.
 _END_FACTORS = np.array([1.0, 1 - 1e-14])[:, None, None]
 # Rounding of a given time, relative.
 _GIVEN_RTOL = 1e-9
@@ -168,7 +168,7 @@ class Sections:
         self.evaluations = 0
 
     def _bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and highest states: inside their limits, and as asked at both ends.
+        """Return bounds of the states: inside their limits, and equal at both ends of the motion.
 
         Without a jerk limit Ruckig does not read a joint's acceleration: it is 0.
         """
@@ -182,13 +182,13 @@ class Sections:
         return low, high
 
     def _limits_of_each(self) -> list[Limits]:
-        """Return the limits of every segment, each the same all the time."""
+        """Return the limits of every segment."""
         numbers = range(len(self.waypoints) - 1)
         return [self.limits.of_segments(np.array([number])) for number in numbers]
 
     @property
     def stopping(self) -> Array:
-        """The states at rest at every inner waypoint, and as asked at both ends."""
+        """Return states of rest at the inner waypoints, and the given ones at both ends."""
         states = np.zeros((2, *self.waypoints.shape))
         states[:, 0] = self.route.start
         states[:, -1] = self.route.end
@@ -198,7 +198,7 @@ class Sections:
         """Return each joint's own least time, s, `(cases, joints)`; NaN where Ruckig refuses.
 
         Args:
-            k: The segments' numbers, from 0, `(cases,)`.
+            k: Indices of the segments, `(cases,)`.
             at_ends: The states at both ends.
         """
         unknown = [np.nan] * self.limits.joints
@@ -271,7 +271,7 @@ class Sections:
     ) -> Iterator[tuple[int, bool]]:
         """Yield each case's segment, and whether Ruckig has just solved it.
 
-        With `checked`, a section is refused whose states break a limit.
+        With `checked`, a section whose states break a limit is refused.
         """
         time = self.unit_times[k, None]
         velocity, acceleration = at_ends * _END_FACTORS * time / self._unit_lengths[k]
@@ -298,7 +298,7 @@ class Sections:
         """Return whether segment `k`, just computed, keeps the position limits."""
         if not self._has_position_limits:
             return True
-        # no joint gets farther than where it turns at top speed: (q0 + q1 ± V T)/2
+        # the extreme position of a joint is at most (q0 + q1 ± V T)/2: top speed there and back
         both = self.waypoints[k] + self.waypoints[k + 1]
         farthest = self._fastest * self._time(k)
         low = (both - farthest) / 2 < self._lowest
@@ -315,13 +315,13 @@ class Sections:
 
 
 def _travelled(limits: Limits, time: Array) -> Array:
-    """Return what each joint can travel from stop to stop at its tightest limit, rad."""
+    """Return the distance that each joint can travel from rest to rest in a time, rad."""
     V, A, J = (np.abs(limits.by_name()[name]).min(axis=-1) for name in LIMIT_NAMES[:3])
     return np.min([V * time, A * time**2 / 4, J * time**3 / 32], axis=0)
 
 
 def _passing(pairs: Array) -> Array:
-    """Limits at inner waypoints, the tighter of both segments': `(waypoints or 1, joints, 2)`."""
+    """Return the tighter limits of both segments at inner waypoints, `(…, joints, 2)`."""
     if pairs.ndim == 2:
         return pairs[None]
     low, high = np.moveaxis(pairs, -1, 0)
@@ -330,7 +330,7 @@ def _passing(pairs: Array) -> Array:
 
 
 def _input(ruckig: Any, limits: Limits, target: Array, least_time: float) -> Any:
-    """Return Ruckig's input of one segment, but for the states at its ends."""
+    """Return Ruckig's input for one segment, without the states at its ends."""
     given = ruckig.InputParameter(limits.joints)
     given.min_velocity, given.max_velocity = limits.velocity.T.tolist()
     given.min_acceleration, given.max_acceleration = limits.acceleration.T.tolist()
@@ -367,8 +367,9 @@ def section(
 def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     """Return better states at the waypoints than rest, and the best total by evaluations spent.
 
-    The search descends from rest, from the waypoints' mean velocities, and then from random steps
-    away from the best states so far (always the same ones), while the budget lasts.
+    The search descends from rest, from the waypoints' mean velocities, and then from random points
+    around the best states so far, as long as the budget lasts. The random numbers are always the
+    same.
     """
     best = sections.stopping
     shortest = _total(sections, best)
@@ -433,7 +434,7 @@ def _total(sections: Sections, states: Array) -> float:
 
 
 def _every_segment(states: Array) -> tuple[Numbers, Array]:
-    """Return all segments' numbers, and the states at their ends."""
+    """Return the indices of all segments, and the states at their ends."""
     k = np.arange(states.shape[1] - 1)
     return k, states[:, np.array([k, k + 1])]
 

@@ -1,4 +1,4 @@
-"""Local optima from several starts: how many a planner tries, what it says if all fail."""
+"""Local optima from several initial guesses: how many are tried, and the message if all fail."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ AGREEMENT_RTOL = 1e-9
 
 
 class Timed(Protocol):
-    """What one start led to."""
+    """The result of one initial guess."""
 
     @property
     def duration(self) -> float:
-        """Infinite where there is no answer."""
+        """Return the duration, s; infinite where there is no answer."""
 
 
 Start = TypeVar("Start")
@@ -31,18 +31,20 @@ def optima_together(
     agreeing: int,
     rtol: float = AGREEMENT_RTOL,
 ) -> list[TimedT]:
-    """Local optima: of `count` starts, of fewer that agree, of more while none has succeeded.
+    """Return the local optima of several initial guesses.
+
+    `count` guesses are tried; fewer if enough of them agree, more while all fail.
 
     Args:
-        solve: leads from some starts to a local optimum each: from as many as are missing for
-            agreement.
-        starts: where to start from, in order.
-        count: no more starts than these, unless all of them fail.
-        agreeing: no more starts once so many share the shortest duration.
-        rtol: what durations may differ by and count as one, relative.
+        solve: returns the local optimum of each guess of a batch. A batch has as many guesses as
+            are missing for agreement.
+        starts: the initial guesses, in the order in which they are tried.
+        count: largest number of guesses, unless all of them fail.
+        agreeing: stop when this many guesses share the shortest duration.
+        rtol: durations that differ by less, relative, count as equal.
 
     Returns:
-        The optima in the order of their starts.
+        The optima in the order of their guesses.
     """
     results: list[TimedT] = []
     remaining = iter(starts)
@@ -65,6 +67,6 @@ def optima_together(
 
 
 def no_start_succeeded(statuses: Iterable[str]) -> str:
-    """The message of a planner whose starts have all failed."""
+    """Return the message of a planner whose initial guesses have all failed."""
     different = sorted(set(statuses))
     return f"no start succeeded: {', '.join(different)}"

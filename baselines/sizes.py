@@ -1,6 +1,6 @@
 """Announce a planner that will take long, before it begins.
 
-As a warning of the logger `trajopt.sizes`, so that a script sees it and can turn it off.
+The announcement is a warning of the logger `trajopt.sizes`, so that scripts can turn it off.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ ANNOUNCED_SECONDS = 30.0
 
 
 def cells(problem: Problem) -> int:
-    """Segments times joints that move: what most planners' time grows with."""
+    """Return segments times joints that move; the time of most planners grows with it."""
     return problem.segments * int(problem.moving.sum())
 
 
 def described(problem: Problem) -> str:
-    """A problem's size in words."""
+    """Return a problem's size in words."""
     joints = int(problem.moving.sum())
     return f"{problem.segments + 1} waypoints and {joints} moving joints"
 
 
 def announce(planner: str, problem: Problem, seconds: float) -> None:
-    """Log about how long a planner will need, if that is long.
+    """Log an estimate of a planner's time, if it is long.
 
     Args:
         planner: The planner's registered name.
-        problem: What it is about to solve.
-        seconds: What was measured on smaller problems, carried on.
+        problem: The problem that it is about to solve.
+        seconds: The estimate, extrapolated from smaller problems, s.
     """
     if seconds > ANNOUNCED_SECONDS:
         import logging  # late: planners that are only listed need none of it

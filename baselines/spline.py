@@ -1,12 +1,13 @@
 """The best spline of a family through the waypoints, by CasADi/IPOPT.
 
-Variables are the times of the pieces and their Bernstein coefficients; where the pieces join, and
-rest at both ends, are linear constraints on these (`trajopt.planners.spline_family`). Limits hold
-at every instant: they are imposed at a few instants of each piece and joint, the true worst ones of
-the answer replace the least active ones, and the solver runs again until no limit is broken in
-between.
-The answer is dilated by its exact factor, which by then is 1 to rounding. No dilation mends a
-position: only answers that keep those limits count.
+Variables are the times of the pieces and their Bernstein coefficients. Continuity between pieces,
+and rest at both ends, are linear constraints on these (`trajopt.planners.spline_family`).
+
+Limits are imposed at a few instants of each piece and joint. After each run the least active
+instants are replaced by the exact maximisers, and the solver runs again until no limit is broken in
+between (an exchange method). Finally the answer is dilated by its exact factor, which is then 1 up
+to rounding. A dilation does not change positions, so answers that break a position limit are
+rejected.
 
     from baselines.spline import Spline
     solution = Spline(shape="4-3-4").solve(problem)
@@ -43,36 +44,36 @@ _OPTIONS = {
     "tol": 1e-11,
     "acceptable_tol": 1e-8,
     "max_iter": 300,
-    "bound_relax_factor": 0.0,  # else every limit is passed by 1e-8, and no round is the last
+    "bound_relax_factor": 0.0,  # otherwise limits are exceeded by 1e-8, and the rounds never end
 }
-# IPOPT stops close enough to an optimum: the exact dilation mends the rest.
+# Statuses with which IPOPT is close enough to an optimum; the exact dilation corrects the rest.
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level", "Search_Direction_Becomes_Too_Small")
-# Instants per piece, joint and limit: evenly spread ones that stay, and those that move.
+# Instants per piece, joint and limit: evenly spread ones that stay, and those that are replaced.
 _STAY = 7
 _MOVE = 9
 _INSTANTS = _STAY + _MOVE
-# Rounds of the exchange without a gain, one after another, after which it stops.
+# The exchange stops after this many consecutive rounds without a gain.
 _MAX_ROUNDS_WITHOUT_GAIN = 3
-# Fraction of an instant's utilisation that is remembered from round to round.
+# Factor on an instant's use of a limit that is kept from one round to the next.
 _MEMORY = 0.8
 # Excess dilation at which the exchange has converged.
 _DILATION_TOLERANCE = 1e-10
 # Excess over a position limit at which it has converged, relative to the joint's span.
 _POSITION_TOLERANCE = 1e-10
-# Smallest relative gain for which another local optimum is looked for.
+# A start is given up if it cannot shorten the best duration by more than this, relative.
 _GAIN_RTOL = 1e-8
-# Logarithms: the largest change of a piece's time in one round.
+# Largest change of the logarithm of a piece's time in one round.
 _MAX_LOG_DECREASE = 12
 _MAX_LOG_INCREASE = 5
-# Ratios of times among which the starts are looked for, and the spread of their logarithms: most
-# optima lie near the stop times, some far away.
+# Number of ratios of times among which the initial guesses are chosen, and standard deviations of
+# their logarithms: most optima are near the stop times, some far away.
 _CANDIDATES = 1000
 _LOG_SPREADS = (0.6, 2.0)
-# Nearest other candidates that an initial guess has to be shorter than.
+# An initial guess is shorter than this many nearest other candidates.
 _NEIGHBOURS = 8
-# Instants of each piece at which a candidate is dilated.
+# Number of instants of each piece from which a candidate's dilation is estimated.
 _CANDIDATE_INSTANTS = 17
-# Candidates whose splines are computed at once: memory, numbers in their matrices.
+# Largest number of matrix entries for candidates whose splines are computed in one call (memory).
 _MAX_NUMBERS = 4_000_000
 # Measured on up to 36 segments times moving joints, in proportion to them.
 _SECONDS_PER_CELL = 0.3
@@ -85,14 +86,14 @@ class Spline(Planner):
     - `degree`: of every piece;
     - `shape`: of the pieces one by one, if they differ: `4-3-4`, `3-5-3`; with more than three
       segments the middle one is repeated;
-    - `ends`: at both ends without velocity and acceleration (`rest`), or without velocity alone
-      (`standstill`; acceleration then jumps, so not where jerk is limited);
-    - `starts`: local optima, of which the best is returned;
-    - `rounds`: of the exchange at most. It ends by itself when no limit is broken any more; fewer
-      leave an answer that is feasible too, but longer.
+    - `ends`: at both ends zero velocity and acceleration (`rest`), or zero velocity only
+      (`standstill`; acceleration then jumps, so not with jerk limits);
+    - `starts`: number of local optima, of which the best is returned;
+    - `rounds`: largest number of rounds of the exchange. It ends earlier when no limit is broken.
+      With fewer rounds the answer is feasible too, but longer.
 
-    Velocity and acceleration are continuous, jerk is only bounded. Degrees too low for rest at the
-    ends, as cubics are, stand still there instead; where jerk is limited the first and the last
+    Velocity and acceleration are continuous; jerk may jump. Degrees too low for zero acceleration
+    at the ends, such as cubics, have zero velocity only. With jerk limits their first and last
     segment have one more knot each.
     """
 
@@ -130,9 +131,10 @@ class Spline(Planner):
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of several local optima. `stats`: times of the pieces, s; each start's outcome.
+        """Return the best of several local optima.
 
-        The same answer whatever the seed.
+        `stats`: times of the pieces, s; status and duration, s, of each start. The answer does not
+        depend on the seed.
         """
         announce("spline", problem, _SECONDS_PER_CELL * cells(problem))
         motion = _MovingJoints(problem, self._family(problem))
@@ -165,7 +167,8 @@ class Spline(Planner):
 class _ExchangeOptimum:
     """The result of the exchange from one initial guess: feasible, or of infinite duration.
 
-    `controls` are all pieces' Bernstein coefficients, `(controls, joints)`, in the joints' spans.
+    `controls` are the Bernstein coefficients of all pieces, `(controls, joints)`, in units of each
+    joint's span.
     """
 
     times: Array
@@ -182,8 +185,8 @@ class _SampleTimes:
     """The instants at which a limit is imposed on each piece, on the unit interval.
 
     Attributes:
-        at: `(instants, pieces, joints)`; the first ones, evenly spread over all, stay.
-        worth: the utilisation at each, or the remembered part of that of earlier rounds.
+        at: `(instants, pieces, joints)`; the first `_STAY` of them, evenly spread, never change.
+        worth: use of the limit at each, or the part kept from earlier rounds if that is larger.
     """
 
     at: Array
@@ -191,22 +194,22 @@ class _SampleTimes:
 
     @classmethod
     def spread(cls, pieces: int, joints: int, stay: Array) -> _SampleTimes:
-        """The same on every piece: those that `stay` `(_STAY,)`, and others evenly spread."""
+        """Return the same instants on every piece: `stay`, `(_STAY,)`, and others in between."""
         between = (np.arange(_MOVE) + 0.5) / _MOVE
         one = np.concatenate([stay, between])[:, None, None]
         at = np.tile(one, (1, pieces, joints))
         return cls(at, np.zeros_like(at))
 
     def refined(self, used: Array, worst: Array, broken: Bools) -> _SampleTimes:
-        """Replace the least active instants by the worst ones and points beside these.
+        """Return the instants with the least active ones replaced by the worst and its neighbours.
 
-        So where a limit is reached the distance between instants shrinks to a quarter, and what is
-        broken in between to a sixteenth. An instant that mattered is kept for some rounds: where
-        two matter in turn each would else be dropped when it is needed next.
+        So where a limit is active the distance between instants falls to a quarter in each round,
+        and the excess in between to a sixteenth. An active instant is kept for some rounds after
+        it has become inactive, since two instants may be active in turn.
 
         Args:
-            used: the utilisation at each instant.
-            worst: the worst of all instants, `(pieces, joints)`.
+            used: use of the limit at each instant.
+            worst: the instant of the exact maximum, `(pieces, joints)`.
             broken: whether the limit is broken there.
         """
         below = np.where(self.at <= worst, self.at, 0.0).max(axis=0)
@@ -214,7 +217,7 @@ class _SampleTimes:
         added = np.stack([worst, (below + worst) / 2, (above + worst) / 2])
         worth = np.maximum(used, _MEMORY * self.worth)
         least = _STAY + np.argsort(worth[_STAY:], axis=0)[: len(added)]
-        # all stay if no limit is broken
+        # without a broken limit no instant changes
         new = np.where(broken, added, np.take_along_axis(self.at, least, axis=0))
         at = self.at.copy()
         np.put_along_axis(at, least, new, axis=0)
@@ -224,12 +227,12 @@ class _SampleTimes:
 
 
 class _MovingJoints:
-    """A problem whose joints all move, each in the span between its extreme waypoints.
+    """A problem whose joints all move, in units of the span between each joint's waypoints.
 
     Attributes:
         bounds: the limits of each derivative, from velocity on, `(joints, 2)`.
-        orders: up to which derivative there are limits: 2, or 3 with jerk.
-        sizes: of the limits of each derivative, `(joints,)`: the wider finite side, or 1.
+        orders: the highest derivative with limits: 2, or 3 with jerk.
+        sizes: sizes of the limits of each derivative, `(joints,)`: the wider finite side, or 1.
         room: the position limits from the start of each piece's segment, `(pieces, joints, 2)`, in
             spans; None without any.
     """
@@ -253,7 +256,7 @@ class _MovingJoints:
             self.room = (limits.position - starts) / self.span[:, None]
 
     def stop_times(self) -> Array:
-        """Time of each piece, if all stop at every waypoint, `(pieces,)`, s."""
+        """Return the time of each piece if all joints stop at every waypoint, s, `(pieces,)`."""
         stop = stop_times(self.problem)
         of_segments = stop / self.family.parts
         return of_segments[list(self.family.segments)]
@@ -261,9 +264,9 @@ class _MovingJoints:
     def exchanged(
         self, times: Array, controls: Array, instants: list[_SampleTimes]
     ) -> tuple[float, float, list[_SampleTimes]]:
-        """The exact dilation, how far a position leaves its limits, and each limit's instants.
+        """Return the exact dilation, the excess over position limits, and each limit's instants.
 
-        The true worst ones are among these; those of the position limits, if any, come last.
+        The exact maximisers are among these instants. Those of position limits come last.
         """
         unit = self.family.powers(controls)
         dilation = 0.0
@@ -286,10 +289,11 @@ class _MovingJoints:
         return dilation, float(beyond.max()), exchanged
 
     def control_bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest of all controls, `(controls, joints)`, in spans.
+        """Return lower and upper bounds of all controls, `(controls, joints)`, in spans.
 
-        What waypoints and rest fix has equal ones. On a position limit a joint stands still and may
-        only bend back: one control beside such a waypoint is fixed too, the next is on its side.
+        They are equal for controls that waypoints and rest determine. At a waypoint on a position
+        limit the joint has no velocity and accelerates inwards only. So the control beside it is
+        fixed too, and the next one is bounded by the limit.
         """
         is_fixed, fixed = self.family.fixed(self.displacements)
         held = is_fixed[:, None]
@@ -316,7 +320,7 @@ class _MovingJoints:
         return low, high
 
     def estimated(self, times: Array, controls: Array) -> Array:
-        """The dilation of candidates `(candidates, …)`, from instants of each piece only."""
+        """Return an estimate of the dilation of candidates, from a few instants of each piece."""
         unit = self.family.powers(np.moveaxis(controls, 0, 1))
         points = np.linspace(0.0, 1.0, _CANDIDATE_INSTANTS)
         dilation = np.zeros(len(times))
@@ -332,7 +336,7 @@ class _MovingJoints:
         return dilation
 
     def trajectory(self, optimum: _ExchangeOptimum) -> Trajectory:
-        """The spline in s and rad."""
+        """Return the spline as a trajectory, in s and rad."""
         unit = self.family.powers(optimum.controls)
         coefficients = unit * self.span
         coefficients[-1] += self.problem.waypoints[list(self.family.segments)]
@@ -350,7 +354,7 @@ def _sizes(bounds: Array) -> Array:
 
 
 def _starts(motion: _MovingJoints, count: int) -> list[tuple[Array, Array]]:
-    """Times and controls to start from: local minima among splines of many ratios of times."""
+    """Yield initial times and controls: local minima among splines of many ratios of times."""
     pieces = motion.family.pieces
     size = (sum(motion.family.lengths) + 3 * pieces) ** 2
     candidates = min(_CANDIDATES, _MAX_NUMBERS // size)
@@ -363,14 +367,14 @@ def _starts(motion: _MovingJoints, count: int) -> list[tuple[Array, Array]]:
     times = motion.stop_times() * np.exp(logs)
     controls = motion.family.smoothest(motion.displacements, times)
     times *= motion.estimated(times, controls)[:, None]
-    # a common factor of all times is no difference
+    # a common factor of all times makes no difference
     ratios = logs - logs.mean(axis=1, keepdims=True)
     chosen = _local_minima(ratios, times.sum(axis=1))[:count]
     return [(times[i], controls[i]) for i in chosen]
 
 
 def _local_minima(points: Array, values: Array) -> Indices:
-    """Which points have the lowest value among their neighbours, the lowest of all first."""
+    """Return the points that are lower than their nearest neighbours, the lowest first."""
     import scipy  # late: planners that are only listed need none of it
 
     neighbours = min(_NEIGHBOURS, len(points) - 1)
@@ -388,10 +392,10 @@ def _exchange(
     shortest: float,
     most_rounds: int,
 ) -> _ExchangeOptimum:
-    """The local optimum from one start, its limits kept at every instant.
+    """Return the local optimum from one initial guess, with its limits kept at every instant.
 
-    It ends early where it cannot become shorter than `shortest`: with limits at a few instants a
-    duration is a lower one.
+    The search ends early if it cannot become shorter than `shortest`: with limits at a few instants
+    only, the duration is a lower bound of its result.
     """
     times, controls = start
     family = motion.family
@@ -440,7 +444,7 @@ def _solve_at(
     controls: Array,
     instants: list[_SampleTimes],
 ) -> tuple[str, tuple[Array, Array] | None]:
-    """One NLP from these times and controls, its limits imposed at these instants.
+    """Solve the program from these times and controls, with limits at these instants.
 
     Returns:
         IPOPT's status, and the new times and controls; None where it failed.
@@ -452,7 +456,8 @@ def _solve_at(
         sizes.append(size * unit**order)
     y = np.log(times / unit)
     low, high = motion.control_bounds()
-    # IPOPT's controls count in what a piece travels, for the briefest to be of order one too
+    # IPOPT's controls are in units of each piece's displacement: those of short pieces are then of
+    # order one too
     reach = times / unit
     of_controls = np.repeat(reach, family.lengths)[:, None]
     per_piece = [own.at[:, k] for own in instants for k in range(family.pieces)]
@@ -474,7 +479,7 @@ def _solve_at(
 
 
 def _constraint_bounds(motion: _MovingJoints) -> tuple[Array, Array]:
-    """In the order of `_solver`: pieces join, and all derivatives and positions keep limits."""
+    """Return bounds of the constraints of `_solver`: continuity, then derivatives and positions."""
     family = motion.family
     joining = np.zeros(family.joins_count * motion.joints)
     lows = [joining]
@@ -495,7 +500,9 @@ def _constraint_bounds(motion: _MovingJoints) -> tuple[Array, Array]:
 
 @cache
 def _solver(family: SplineFamily, joints: int, orders: int, position_limited: bool) -> Program:
-    """IPOPT for a family, with so many joints, limited up to this derivative; built once for all.
+    """Return IPOPT's program for a family, a number of joints and the highest limited derivative.
+
+    It is built once for all problems of this size.
 
     Constraints: differences where pieces join; then every derivative over the size of its limits,
     at the instants of every piece; then the positions, where these are limited.
@@ -542,7 +549,7 @@ def _solver(family: SplineFamily, joints: int, orders: int, position_limited: bo
 
 
 def _bernstein(controls: list[Any], s: Any) -> Any:
-    """Values at `s` `(instants, joints)` of Bernstein polynomials, a row of joints a control."""
+    """Return values of Bernstein polynomials at `s`, `(instants, joints)`; controls are rows."""
     n = len(controls) - 1
     value = 0
     for i, control in enumerate(controls):

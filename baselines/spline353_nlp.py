@@ -3,9 +3,9 @@
 A dilation meets all limits but those of position, so only the ratios of the times matter
 (docs/mathematics.md, section 2), and the shortest dilated duration is a function of two variables.
 It has kinks where two limits are active, so no derivative is used. The search begins at the local
-minima of a grid. Around each it draws candidates, keeps the shortest ones, and draws the next
-candidates as far apart as those, until they are equally short. Each candidate's peaks are exact, so
-each limit holds at every instant.
+minima of a grid. Around each it draws random candidates, keeps the shortest ones, and draws the
+next candidates with their spread, until they are equally short. Each candidate's peaks are exact,
+so each limit holds at every instant.
 
     from baselines.spline353_nlp import Spline353NLP
     solution = Spline353NLP().solve(problem)
@@ -29,15 +29,15 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
-# Logarithms of the outer segment times over the middle one, all in stop times: the grid.
+# The grid: logarithms of the outer segment times over the middle one, each in its stop time.
 _LOG_RATIOS = np.linspace(-10.0, 10.0, 61)
-# Candidates of a round, and how many of the shortest the next round is drawn from.
+# Number of candidates of a round, and of the shortest ones around which the next round is drawn.
 _CANDIDATES = 150
 _KEPT = 16
-# Factor on the distances between those: the region would else shrink before it has moved.
+# Factor on their spread. Without it the region would shrink before it reaches the optimum.
 _SPREAD = 1.4
 _MAX_ROUNDS = 300
-# The search ends where those are as short as the shortest, relative.
+# The search ends when their durations differ by less, relative.
 _EQUAL_RTOL = 1e-12
 
 
@@ -60,7 +60,7 @@ class Spline353NLP(Planner):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima. `stats`: segment times, each start's duration.
 
-        The same answer whatever the seed.
+        The answer does not depend on the seed.
         """
         reason = spline353.infeasible(problem)
         if reason is not None:
@@ -98,11 +98,11 @@ class MovingSpline:
         )
 
     def dilation(self, times: Array) -> Array:
-        """The exact cheapest dilation of segment times `(…, 3)`, `(…)`."""
+        """Return the least dilation of segment times `(…, 3)`, exactly, `(…)`."""
         return spline353.dilation(self.displacements, times[..., None, :], self.limits)
 
     def keeps_positions(self, times: Array) -> Bools:
-        """Return whether every joint keeps its position limits, of segment times `(…, 3)`."""
+        """Return whether every joint keeps its position limits at segment times `(…, 3)`."""
         if self.room is None:
             return np.ones(times.shape[:-1], dtype=bool)
         own_times = times[..., None, :]
@@ -120,7 +120,7 @@ class MovingSpline:
 
 
 def _local_optima(spline: MovingSpline, unit: Array, count: int) -> list[Array]:
-    """Return feasible segment times `(3,)`, s, of at most so many local optima, the best first.
+    """Return segment times `(3,)`, s, of at most `count` feasible local optima, the best first.
 
     Args:
         spline: The spline.

@@ -37,21 +37,21 @@ from trajopt.planners.rest_to_rest import stop_times
 Knots = Literal["uniform", "chord", "centripetal", "limit"]
 Ends = Literal["not-a-knot", "natural", "clamped"]
 
-# Places in each grid interval at which the acceleration limits count.
+# Points of each grid interval, as shares, at which the acceleration limits are imposed.
 _NODES = (0.0, 0.5, 1.0)
-# A path stands still below this path velocity, relative to the limit at the cheapest duration.
+# A path stands still where `q'(s)` is smaller, relative to the limit at the shortest duration.
 _STILL_RTOL = 1e-9
-# Gridpoints of a short piece, relative to an even share of all gridpoints.
+# Least number of gridpoints of a short piece, relative to an even share of all gridpoints.
 _SHORT_PIECE_SHARE = 0.25
-# Shorter pieces are a single step, relative to the whole path.
+# Pieces shorter than this, relative to the whole path, are a single step.
 _INDIVISIBLE_RTOL = 1e-6
-# Smaller coefficients of a piece count as 0, relative to the largest one.
+# Coefficients of a piece smaller than this, relative to the largest one, count as 0.
 _STRAIGHT_RTOL = 1e-9
-# Samples of each piece's own timing.
+# Number of samples of each piece in its own timing.
 _SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
-# Shorter pieces are left out, relative to the whole path.
+# Pieces shorter than this, relative to the whole path, are left out.
 _BREAK_RTOL = 1e-8
-# Factor on the limits if rounding makes a path infeasible whose only timing is at its limits.
+# Factor on the limits if rounding makes a path infeasible whose only timing is exactly at them.
 _WIDER = 1 + 1e-6
 # First step of the search for knots, of the logarithm of a segment's share.
 _KNOT_STEP = 0.3
@@ -74,9 +74,9 @@ class ToppRa(Planner):
     - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
       by its square root, or by the time from stop to stop;
     - `ends`: the spline's end rule;
-    - `gridpoints`: about how many intervals the path is cut into;
-    - `search`: number of splines more, for which Nelder and Mead's simplex moves the knots of the
-      best one.
+    - `gridpoints`: approximate number of intervals into which the path is cut;
+    - `search`: number of further splines, for which Nelder and Mead's simplex method moves the
+      knots of the best one.
 
     `"best"` tries all rules and keeps the shortest certified duration. With a velocity at an end
     the spline's tangent there is along it, in several lengths, in place of that end's rule.
@@ -279,7 +279,7 @@ def _end_speeds(problem: Problem, path: Trajectory) -> list[float] | str:
 def sampled_dilation(limits: Limits, path: Trajectory) -> float:
     """Return the cheapest uniform dilation of a path's own timing at `_SAMPLES` of each piece.
 
-    It serves as a unit: a peak between the samples makes other numbers a little larger.
+    It is used as a unit only, so missing a peak between the samples does no harm.
     """
     lengths = np.diff(path.breaks)
     unit = polynomials.stretched(path.coefficients, lengths)
@@ -315,7 +315,7 @@ def _along(
     """
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
-    unit = scale * trajectory.duration / gridpoints  # of time, s
+    unit = scale * trajectory.duration / gridpoints  # unit of time, s
     own_limits = Limits(
         velocity=limits.velocity * unit * wider, acceleration=limits.acceleration * unit**2 * wider
     )
@@ -391,7 +391,7 @@ def _straightened(path: Trajectory) -> Trajectory:
     if len(powers) != 1 or powers[0] < 3:
         return path
 
-    # the line's slope is the curve's where it ends, m d s^(m−1), so it is m times as short
+    # the line has the slope at the curve's end, m d s^(m−1), so it is m times shorter
     m = int(powers[0])
     coefficients = np.array(path.coefficients)
     d = coefficients[-1 - m, 0]
@@ -402,7 +402,7 @@ def _straightened(path: Trajectory) -> Trajectory:
     later = path.breaks[1:] - saved
     breaks = np.r_[0.0, later]
 
-    # waypoints on the line where the curve reaches them, those after it as much earlier
+    # a waypoint on the line is where the curve reaches it; later ones move by the same amount
     waypoints = path.waypoint_times
     on_curve = (waypoints / length) ** m
     inside = length / m * on_curve

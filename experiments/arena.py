@@ -10,7 +10,8 @@ Each searches the three segment times of the 3-5-3 with Deb's rule in the same b
 budgets; the shortest 3-5-3 of each problem is proved to 1e-6 (`prove`). An optimiser has its
 library's own defaults, and a population of 30 where it has one. A run that needs more than 20 s of
 CPU time, raises or hangs is a failure, and counts as a run that reached no target. What was run is
-kept in `--output`; the same command goes on where it was interrupted, also with more seeds.
+kept in `--output`; the same command goes on where it was interrupted, also with more seeds. There
+is a table for each problem, and one of all runs on the problems beside six-axis.
 
 Groups: those not significantly worse than the best of the group (Mann and Whitney's test of the
 gaps, one-sided, Holm over all that are compared with it at 5 %) form a group with it; the next
@@ -32,7 +33,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import mannwhitneyu
+from scipy.stats import mannwhitneyu, spearmanr
 
 from experiments.common import races
 from experiments.common.output import save_table
@@ -43,7 +44,7 @@ from trajopt.comparison import TIMEOUT
 from trajopt.core.arrays import Array
 from trajopt.planners.registry import configured, load, named
 from trajopt.views.analysis import searches, statistics
-from trajopt.views.figures.style import BLACK, SKY
+from trajopt.views.figures.style import BLACK, GREEN, SKY, VERMILION
 
 LIBRARIES = ("mealpy", "pymoo", "nevergrad")
 OWN = ("pso", "ssa", "issa", "cmaes", "de")
@@ -79,7 +80,8 @@ def entrants(
             budget |= {"cpu_limit": CPU_LIMIT_S}
         planner = configured(planner, budget, name)
         if names or name in OWN:
-            found[spec.replace(":", " ")] = planner  # a colon parts a label from its options
+            # as those of a library are called; a colon parts a label from its options
+            found[spec.replace(":name=", " ").replace(":", " ")] = planner
             continue
         try:
             known = planner.choices()["name"]
@@ -121,7 +123,7 @@ def groups(gaps: Mapping[str, Sequence[float]]) -> dict[str, int]:
     return found
 
 
-def _ranked(gaps: Sequence[float]) -> Array:
+def _ranked(gaps: Sequence[float] | pd.Series[float]) -> Array:
     """Gaps as a rank test needs them: equal below 1e-9, where they are rounding, and finite."""
     return np.clip(gaps, 1e-9, 1e9)
 
@@ -132,9 +134,27 @@ def above_best(outcome: races.RaceResult) -> pd.Series[float]:
     return (outcome.runs["gap"] - width) / (1 + width)
 
 
+def together(outcomes: Sequence[races.RaceResult]) -> races.RaceResult:
+    """Return the outcomes of the same entrants on several problems as one."""
+    return races.RaceResult(
+        pd.concat([own.runs for own in outcomes], ignore_index=True),
+        {
+            name: [history for own in outcomes for history in own.histories[name]]
+            for name in outcomes[0].histories
+        },
+        pd.concat([own.proof for own in outcomes]),
+    )
+
+
 def table(outcome: races.RaceResult) -> pd.DataFrame:
-    """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group."""
-    gaps = above_best(outcome).groupby(outcome.runs["label"])
+    """A row per entrant: runs, failures, shares within the targets, evaluations to 0.1 %, group.
+
+    Of several problems the median gap on each is a column too, and the groups are of a run's rank
+    among all runs on its problem, as gaps of different problems do not compare.
+    """
+    label, problem = outcome.runs["label"], outcome.runs["problem"]
+    above = above_best(outcome)
+    gaps = above.groupby(label)
     costs = searches.running_times(outcome.histories, list(TARGETS.values()))
     rows: dict[str, Any] = {
         "runs": gaps.size(),
@@ -148,7 +168,12 @@ def table(outcome: races.RaceResult) -> pd.DataFrame:
         )
         if name == "0.1 %":
             rows["evaluations to 0.1 %"] = own["ert"]
-    found = groups({name: list(own) for name, own in gaps})
+    compared = above
+    if problem.nunique() > 1:
+        for name, own in above.groupby(problem):
+            rows[f"median gap, {name}"] = own.groupby(label).median()
+        compared = above.transform(_ranked).groupby(problem).rank()
+    found = groups({name: list(own) for name, own in compared.groupby(label)})
     rows["group"] = pd.Series(found, dtype=float).reindex(gaps.size().index)
     made = pd.DataFrame(rows).sort_values(["group", "median gap", "failed"])
     return made.rename_axis("optimiser")
@@ -164,7 +189,8 @@ def printed(tables: Mapping[int, pd.DataFrame]) -> pd.DataFrame:
             for name in TARGETS:
                 columns[f"within {name} {at}"] = own[f"within {name}"].map(_share)
             columns["evaluations to 0.1 %"] = own["evaluations to 0.1 %"].map(_count)
-        columns[f"median gap {at}"] = own["median gap"].map(_percent)
+        for name in own.columns[own.columns.str.startswith("median gap")]:
+            columns[f"{name} {at}"] = own[name].map(_percent)
         if own["group"].notna().any():
             columns[f"group {at}"] = own["group"].map(_count)
     made = pd.DataFrame(columns).loc[tables[largest].index]
@@ -218,6 +244,8 @@ def main(
             right = "those whose limits a search keeps: no slowing down is the optimiser's"
             raise InvalidInput("problems", right, value=problem)
     print(versions(libraries))
+    others: dict[int, list[races.RaceResult]] = {budget: [] for budget in budgets}
+    on_first: dict[int, pd.DataFrame] = {}
     for problem in problems:
         tables = {}
         for budget in budgets:
@@ -235,12 +263,29 @@ def main(
                     timeout=HANG_TIMEOUT_S if jobs or executor else TIMEOUT,
                     executor=executor,
                 )
-            tables[budget] = table(races.outcome(results, list(own)))
-            save_table(tables[budget], output / f"{problem}-{budget}")
+            outcome = races.outcome(results, list(own))
+            if problem != FIRST:
+                others[budget].append(outcome)
+            tables[budget] = table(outcome)
             print(f"{problem}, {budget} evaluations, {count} seeds:")
-            print(tables[budget].to_string(float_format="{:.3g}".format))
-        save_table(printed(tables), output / f"{problem}-printed")
-        figure(tables, output / f"{problem}.svg")
+        report(problem, tables, output)
+        if problem == FIRST:
+            on_first = tables
+    if len(others[budgets[0]]) > 1:
+        print(f"all problems but {FIRST} together:")
+        on_others = {budget: table(together(own)) for budget, own in others.items()}
+        report("others", on_others, output)
+        for budget, own in on_first.items():
+            carried(own, on_others[budget], output / f"carried-{budget}.svg")
+
+
+def report(name: str, tables: Mapping[int, pd.DataFrame], folder: Path) -> None:
+    """Print the tables, and write them and their figure."""
+    for budget, own in tables.items():
+        save_table(own, folder / f"{name}-{budget}")
+        print(own.to_string(float_format="{:.3g}".format))
+    save_table(printed(tables), folder / f"{name}-printed")
+    figure(tables, folder / f"{name}.svg")
 
 
 def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
@@ -268,6 +313,43 @@ def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
         axes.grid(alpha=0.3)
         axes.legend()
         drawing.savefig(file)
+
+
+_LIBRARY_LOOKS = {"": (BLACK, "D"), "mealpy": (SKY, "o"), "pymoo": (VERMILION, "s")}
+_LIBRARY_LOOKS |= {"nevergrad": (GREEN, "^")}
+
+
+def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
+    """Draw each entrant's median gap on the other problems over that on six-axis; ours are named.
+
+    Returns:
+        Spearman's correlation of the two; a failure is the largest gap.
+    """
+    both = pd.DataFrame({"x": first["median gap"], "y": others["median gap"]}).dropna()
+    drawn = 100 * both[np.isfinite(both).all(axis=1)].clip(lower=1e-6)
+    correlation = float(spearmanr(both["x"].clip(upper=1e9), both["y"].clip(upper=1e9)).statistic)
+    with mpl.rc_context({"font.size": 9}):
+        drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
+        axes = drawing.subplots()
+        libraries = drawn.index.map(lambda name: name.split()[0] if " " in name else "")
+        for library, (colour, mark) in _LIBRARY_LOOKS.items():
+            own = drawn[libraries == library]
+            if len(own):
+                label = library or "ours"
+                axes.plot(own["x"], own["y"], mark, ms=4, color=colour, alpha=0.7, label=label)
+        for name, (x, y) in drawn[libraries == ""].iterrows():
+            axes.annotate(str(name), (x, y), (5, -9), textcoords="offset points")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.set_xlabel("median gap on six-axis, %")
+        axes.set_ylabel("median gap on the other problems, %")
+        axes.set_title(f"Spearman's rank correlation {correlation:.2f}")
+        axes.grid(alpha=0.3)
+        axes.legend()
+        drawing.savefig(file)
+    return correlation
 
 
 if __name__ == "__main__":

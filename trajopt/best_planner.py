@@ -20,8 +20,10 @@ from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.explain.references import best_planners
-from trajopt.planners.registry import named
+from trajopt.planners.registry import load, named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
+
+OPTIMUM_RTOL = 1e-4  # an answer this close to the proved bound, relative, is called the optimum
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,9 @@ class Best:
     Attributes:
         trial: The planner's trial.
         relaxed: Shortest duration known without the limits that the planner ignores, s.
-        proved: Lower bound, proved in closed form or in the record, s.
-        stopping: Duration of the motion that stops at every waypoint, s; None where a limit counts
-            that it does not know.
+        proved: Lower bound, proved in closed form, in the record, or by `prove` here, s.
+        stopping: Duration of the motion that stops at every waypoint, s; None where it may break a
+            limit.
         record: The best known answer of the problem, or None.
         left_out: Kinds of limits that the planner does not know, by their keys.
     """
@@ -46,7 +48,7 @@ class Best:
     left_out: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, float | None]:
-        """For JSON, beside the trial: s."""
+        """Return the entries for JSON, beside the trial's; s."""
         return {
             "relaxed_duration": self.relaxed,
             "recorded_duration": self.record.duration if self.record else None,
@@ -55,12 +57,18 @@ class Best:
         }
 
 
-def best(problem: Problem, seed: int) -> Best:
-    """Ask the best planners in turn, until an answer keeps all limits.
+def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
+    """Run the best planners in turn, until an answer keeps all limits.
 
     The first planners ignore limits that they do not know. If their answer keeps these limits too,
-    no faster motion is known. If not, the answers of the others are compared with it: the shortest
-    counts, dilated where it breaks a limit that no planner knows.
+    no faster motion is known. If not, the other planners run, and the shortest certified answer is
+    returned. It is dilated if it breaks a limit that no planner knows.
+
+    Args:
+        problem: What is planned.
+        seed: Of the random stream.
+        proof_time: Seconds for a lower bound, where neither a closed form nor the record proves
+            the answer within `OPTIMUM_RTOL`.
     """
     relaxed: float | None = None
     trials: list[Trial] = []
@@ -84,7 +92,7 @@ def best(problem: Problem, seed: int) -> Best:
     if not trials:
         raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
     durations = [own.certified_duration or np.inf for own in trials]
-    # of equal ones the last that tried, whose answer may be a proof that there is none
+    # among equal ones the last: its answer may be a proof that no motion exists
     numbers = range(len(trials))
     tried = [own.status is not Status.UNSUPPORTED for own in trials]
     chosen = min(numbers, key=lambda own: (durations[own], not tried[own], -own))
@@ -92,6 +100,8 @@ def best(problem: Problem, seed: int) -> Best:
     record = records.find(problem)
     if record is not None:
         proved = max(proved, record.lower_bound)
+    if proof_time and proved * (1 + OPTIMUM_RTOL) < durations[chosen] < np.inf:
+        proved = max(proved, _proof(problem, proof_time))
     return Best(
         trial=trials[chosen],
         relaxed=relaxed,
@@ -102,8 +112,18 @@ def best(problem: Problem, seed: int) -> Best:
     )
 
 
+def _proof(problem: Problem, seconds: float) -> float:
+    """Return a proved lower bound, s; 0 where `prove` cannot run or leaves limits out."""
+    try:
+        prover = load(f"prove:time_limit={seconds}")
+        proof = prover.solve(problem)
+    except TrajoptError:
+        return 0.0
+    return float(proof.stats.get("lower_bound", 0.0))
+
+
 def _stopping(problem: Problem) -> float | None:
-    """The time of stopping at every waypoint, s; None where that may keep not all that is asked."""
+    """Return the time of stopping at every waypoint, s; None where that may break a demand."""
     demand = problem.route.demand
     if problem.limits.others or not problem.route.dilatable:
         return None

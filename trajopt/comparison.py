@@ -65,12 +65,13 @@ def compare(
             that they support, all others once.
         folder: Where the trials are kept.
         seeds: Number of seeds of each stochastic planner.
-        jobs: How many trials run side by side, each in a process of its planner's own, judged in
-            another; with 0 they run and are judged in this process, unsupervised: for a debugger.
-        fresh: Whether to run again what is there.
+        jobs: Number of trials that run side by side. Each runs in a process of its planner and is
+            judged in another one. With 0 all run and are judged in this process, without
+            supervision, for a debugger.
+        fresh: Whether to run trials again that are already there.
         timeout: Seconds after which a trial in a child process is stopped.
-        memory: GiB that a trial's child process may have (Linux). Memory of its own is limited at
-            once; memory that it and its children share is measured ten times a second.
+        memory: GiB that a trial's process may use (Linux). Its own memory is limited by the system;
+            the memory of all its children together is measured ten times a second.
         progress: True for a line on standard error, False for none; by default there is one in a
             terminal and in a notebook. A function is called with a `Progress` at the start and
             after each task.

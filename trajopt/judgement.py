@@ -1,11 +1,11 @@
-"""Judge anyone's motion: by a problem with waypoints, or by limits alone.
+"""Judge any motion: by a problem with waypoints, or by limits alone.
 
     judgement = trajopt.judge("six-axis", "theirs.csv")
     print(judgement.certificate.feasible, judgement.certified_duration, judgement.gap)
 
-The verifier alone judges. If the user lets a miss count as passing (`via_tolerance`), another
-problem is judged: its waypoints are where the motion passes. The optimum that the gap is measured
-against passes the same points.
+The verifier judges. If the user accepts misses of waypoints (`via_tolerance`), the waypoints are
+moved to where the motion passes, and the motion is judged by that problem. The optimum of the gap
+passes the same points.
 """
 
 from __future__ import annotations
@@ -60,10 +60,11 @@ class Execution:
     """Verdict on a motion and limits alone.
 
     Attributes:
-        motion: What is executed.
+        motion: The motion as executed.
         problem: The limits, with the motion's own start, end and turning points as waypoints.
-        certificate: The verifier's: of a log, that of a motion within its digits if there is one.
-        evidence: What a log tells, with that motion; None where the motion is no log.
+        certificate: The verifier's certificate. For a log, that of a motion within its digits, if
+            there is one.
+        evidence: The verdict on a log, with that motion; None where the motion is no log.
     """
 
     motion: Motion
@@ -73,25 +74,25 @@ class Execution:
 
     @property
     def executed(self) -> Trajectory:
-        """The trajectory that the certificate is of."""
+        """Return the trajectory that the certificate is about."""
         within = self.evidence and self.evidence.motion
         return within or self.motion.trajectory
 
     @cached_property
     def smoothness(self) -> Smoothness | None:
-        """Integrals of the motion, slowed down as far as it needs; None with a flaw."""
+        """Return the integrals of the certified motion; None where the given one has a flaw."""
         return of_certified(self.problem, self.executed, self.certificate)
 
     @property
     def kept(self) -> bool:
-        """Tell if the motion keeps every limit without a slow-down."""
+        """Return whether the motion keeps every limit without a dilation."""
         if self.evidence is not None:
             return self.evidence.verdict == "kept"
         return self.certificate.feasible
 
     @property
     def broken(self) -> bool:
-        """Tell if it is proved that the motion breaks a limit; for a log that needs a proof."""
+        """Return whether the motion breaks a limit; for a log, whether that is proved."""
         if self.evidence is not None:
             return self.evidence.verdict == "broken"
         return not self.kept
@@ -120,9 +121,9 @@ class Judgement(Execution):
 
     Attributes:
         trajectory: The motion with the times at which it passes each waypoint.
-        via_tolerance: Rad, of each joint.
+        via_tolerance: Tolerance of each joint, rad.
         tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
-        asked: The problem through its own waypoints, where that is so.
+        asked: The original problem if the tolerance was needed.
     """
 
     trajectory: Trajectory
@@ -144,12 +145,12 @@ class Judgement(Execution):
 
     @property
     def certified_duration(self) -> float | None:
-        """With the slow-down that it needs, s; None where none mends it."""
+        """Return the certified duration, s; None if the motion has a flaw."""
         return self.certificate.certified_duration
 
     @cached_property
     def explanation(self) -> Explanation | None:
-        """Split the gap into its parts with the references; None without a certified duration."""
+        """The parts of the gap, by the references; None without a certified duration."""
         if not self.certificate.valid:
             return None
         known = records.answer(self.problem)
@@ -170,18 +171,18 @@ class Judgement(Execution):
 
     @property
     def gap(self) -> float | None:
-        """The certified duration over the best known optimum of `problem`, minus 1."""
+        """Return the certified duration over the best known optimum of `problem`, minus 1."""
         return None if self.explanation is None else self.explanation.gap
 
     @property
     def below_optimum(self) -> bool:
-        """True if it is shorter than the best known optimum: a bug, or a better optimum."""
+        """Return whether it is shorter than the best known optimum: a bug, or a better optimum."""
         tolerance = REFINED_RTOL if self.problem.has("position") else BUG_RTOL
         return self.gap is not None and self.gap < -tolerance
 
     @cached_property
     def without_jerk(self) -> Judgement | None:
-        """The verdict without jerk limits, where these alone are beyond mending; or None."""
+        """The verdict without jerk limits, if the motion is invalid only because of them."""
         lifted = without_jerk(self.problem)
         if self.certificate.valid or lifted is None:
             return None
@@ -217,25 +218,25 @@ def judge(
 ) -> Judgement:
     """Judge a motion against a problem (docs/mathematics.md, section 10).
 
-    A log, whose digits say less than the limits need, is judged by what they tell
-    (`trajopt.benchmark.logs`): the answer's `evidence`.
+    A log, whose digits are too coarse to determine its derivatives, gets the verdict of
+    `trajopt.benchmark.logs` in the answer's `evidence`.
 
-    Waypoint times are where it comes closest to each waypoint, in order. With a tolerance, a
-    waypoint that no joint misses by more is moved to where the motion passes: only where the motion
-    is invalid without that and valid with it, which the name of the answer's `problem` says.
+    Waypoint times are those of the closest approach to each waypoint, in order. With a tolerance, a
+    waypoint that no joint misses by more is moved to where the motion passes. That is done only if
+    the motion is invalid without it and valid with it; the name of the answer's `problem` says so.
 
-    `UnitWarning` warns of a motion that moves about 57.3 times as far as the waypoints, or one
-    57.3th as far: its angles are probably in another unit.
+    `UnitWarning` warns of a motion that moves about 57.3 times as far as the waypoints, or 1/57.3
+    times: its angles are probably in another unit.
 
     Args:
         problem: or the name of a built-in one, or a problem file.
         motion: a file of samples or polynomials, or an object (`motion_of`).
-        interpolation: what joins samples; by default what their controller does.
-        via_tolerance: rad, of each joint: a miss that counts as passing. It must be less than half
-            of any segment, or one instant might pass two waypoints.
+        interpolation: how samples are joined; by default as a controller joins them.
+        via_tolerance: largest miss of a waypoint by each joint, rad. It must be less than half of
+            any segment; otherwise one instant might pass two waypoints.
         unit: units of a CSV's columns whose header says none, like "deg" or "deg,mm,ms".
         noise: standard deviation of a log's positions, rad.
-        window: over which an excess of 5 % must show for a log to count as kept, s.
+        window: a log is `kept` only if a mean excess of 5 % over this time, s, is excluded.
 
     Raises:
         InvalidInput: The motion cannot be read, has other joints than the problem, or the
@@ -297,7 +298,7 @@ def motion_of(
 
 
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """The motion with the times at which it passes waypoints: given ones, or the nearest."""
+    """Return the motion with its waypoint times: the given ones, or of the closest approach."""
     demand = problem.route.demand
     asked = demand("tolerance"), demand("least_times")
     excess = None
@@ -314,7 +315,7 @@ def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def _beyond_both(problem: Problem, motion: Trajectory, waypoint: int, times: Array) -> Array:
-    """By how much velocities break the limits of the segments on both sides of a waypoint."""
+    """Return the excess of velocities over the limits of both segments at a waypoint."""
     both = [max(waypoint - 1, 0), min(waypoint, problem.segments - 1)]
     low, high = np.moveaxis(problem.limits.of_segments(np.array(both)).velocity, -1, 0)
     velocity = motion(times, 1)[:, None]
@@ -338,9 +339,9 @@ def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
 
 
 def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -> Problem:
-    """The problem through the points that the motion passes, where they are within tolerance.
+    """Return the problem through the points that the motion passes, within the tolerance.
 
-    Within its position limits too: a waypoint outside would be no problem's.
+    The points are moved into the position limits, since waypoints have to be inside.
     """
     passed = trajectory(trajectory.waypoint_times)
     low, high = problem.limits.position.T
@@ -366,14 +367,13 @@ def as_executed(
     joint whose motion or limits seem to be in degrees.
 
     Args:
-        motion: What is executed.
+        motion: The motion as executed.
         limits: Of its joints, in its order.
         joint_units: "rad" or "m" per joint, as a `Problem` has them.
-        accelerations: Whether accelerations are judged. If not, their limits are only the scale of
-            the jumps of velocity that are repaired.
-        log: How to judge a log by what its digits tell; None for a motion that is executed as it
-            stands.
-        ends: The states in which it is to begin and end (`trajopt.core.demand.END_STATES`).
+        accelerations: Whether accelerations are judged. If not, their limits only scale the jumps
+            of velocity that are repaired.
+        log: Returns the verdict on a log; None for a motion that is executed as it is.
+        ends: The given states at both ends (`trajopt.core.demand.END_STATES`).
 
     Raises:
         InvalidInput: It has another number of joints than the limits, or never moves.
@@ -415,7 +415,7 @@ def as_executed(
 
 
 def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:
-    """The evidence; a log is kept only if its motion keeps every other limit, too."""
+    """Return the evidence; a log is `kept` only if its motion keeps every other limit too."""
     told = found.evidence
     if told is None or told.verdict != "kept":
         return told
@@ -449,7 +449,7 @@ def _warn_of_units(problem: Problem, positions: Array) -> None:
     """
     for joint in np.flatnonzero(np.ptp(positions, axis=0)).tolist():
         velocity = problem.limits.velocity[[joint]]
-        # an acceleration of its own may be right: the velocity alone decides
+        # an acceleration limit of its own may be right: only the velocity is tested
         mixed = mixed_units(positions[:, [joint]], velocity, acceleration=velocity)
         if mixed and problem.unit(joint) == "rad":
             label = problem.joint_labels[joint]
@@ -459,9 +459,9 @@ def _warn_of_units(problem: Problem, positions: Array) -> None:
 
 
 def _own_waypoints(positions: Array, limits: Limits) -> NDArray[np.intp]:
-    """The start, the end, and where each joint is farthest from its start within its limits.
+    """Return start, end, and where each joint is farthest from its start within its limits.
 
-    So every joint has the displacement that its tolerances are relative to.
+    These waypoints give every joint the displacement that its tolerances are relative to.
     """
     low, high = limits.position.T
     inside = ((positions >= low) & (positions <= high)).all(axis=1)
@@ -482,7 +482,7 @@ class GivenMotion(Planner):
 
     motion: Motion
 
-    drops = True  # nothing is planned for: all is judged
+    drops = True  # no limit is planned for: all are judged
     knows = tuple(DEMANDS)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -2,10 +2,11 @@
 
 At the distance `w` from the end, a joint keeps the limit where `u² ≤ 2 d w` for some `u ≥ 0` and
 `u ≥ v + o`. Over an interval `v` is a polynomial with Bernstein coefficients `b`. The polynomial
-`u` with the coefficients `max(0, b + o)` is nowhere below `v + o`. All Bernstein coefficients of
-`u² − 2 d w` are at most 0: so the limit holds at every instant. Where acceleration is constant the
-inner one says `(v₀ + o)(v₁ + o) ≤ 2 d w`, the chord between both ends of the interval. The boundary
-is no polynomial of time: the error falls with the square of the intervals' lengths.
+`u` with the coefficients `max(0, b + o)` is nowhere below `v + o`. If all Bernstein coefficients of
+`u² − 2 d w` are at most 0, the limit holds at every instant. With constant acceleration the inner
+coefficient gives `(v₀ + o)(v₁ + o) ≤ 2 d w`, the chord between both ends of the interval. A motion
+along the limit is no polynomial of time, so the error falls with the square of the intervals'
+lengths.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import backend
 
-# Width of the smooth corner of `max(0, v + o)`, relative to the offset, and to the largest velocity
-# that the limit allows anywhere.
+# Width of the rounded corner of `max(0, v + o)`, relative to the offset, and to the largest
+# velocity that the limit allows at any position.
 _CORNER_OF_OFFSET = 1e-3
 _CORNER_OF_TOP = 1e-7
 
@@ -41,10 +42,12 @@ class Falling(NamedTuple):
     inside: Bools
 
     def leaving(self, intervals: int) -> Bools:
-        """Return the intervals in which a joint may only leave the end, `(2, intervals, joints)`.
+        """Return the intervals in which a joint may only move away from the end.
 
-        In a segment that begins inside these are the first half, or all if it ends inside, too.
-        The limit counts in the others. Their lengths are free, so the joint may turn at any time.
+        A segment may begin where the limit allows no motion towards the end. Then these are the
+        first half of its intervals, or all of them if it also ends there. In the others the limit
+        is imposed. Lengths of intervals are free, so the joint may turn at any time. The shape is
+        `(2, intervals, joints)`.
 
         Args:
             intervals: number of intervals per segment.
@@ -59,8 +62,8 @@ def of(problem: Problem, unit: float, scale: Array, origin: Array) -> Falling:
     """Return the limits of joints that all move.
 
     Args:
-        problem: whose limits count.
-        unit: of time, s.
+        problem: its limits are used.
+        unit: unit of time, s.
         scale: unit of length of each joint, rad, `(joints,)`.
         origin: position of each joint that counts as 0, rad, `(joints,)`.
     """

@@ -1,10 +1,10 @@
 """The reference optimum under every kind of limit, by collocation with free nodes, refined.
 
 The optimum's acceleration (its jerk, where that is limited) is piecewise constant, and each joint
-switches at instants of its own. So each joint chooses the lengths of its intervals. Then a few
-intervals per segment reproduce the optimum itself, where equal intervals converge at first order.
-Intervals are halved until two refinements in a row agree. IPOPT starts from several points. The
-answer is the best known optimum; nothing proves it.
+has its own switching times. So the lengths of each joint's intervals are variables. Then a few
+intervals per segment reproduce the optimum itself; equal intervals would converge at first order
+only. Intervals are halved until two consecutive refinements agree. IPOPT starts from several
+initial guesses. The answer is the best local optimum found, which is not proved.
 
     from baselines.collocation.refined import CollocationRefined
     solution = CollocationRefined().solve(problem)
@@ -43,21 +43,22 @@ _START_INTERVALS_JERK = 8
 _CELL_SECONDS = 0.004
 _CELL_SECONDS_JERK = 0.02
 _CELLS_POWER = 1.37
-# Kinds of limits that the motion to start from leaves out.
+# Kinds of limits that are left out for the first initial guess.
 POSITION_DEPENDENT = ("position", FallingVelocity.key)
-# Intervals of all joints and segments that only the first refinement may exceed.
+# Only the first refinement may have more intervals than this, in all joints and segments together.
 _MAX_INTERVALS = 3000
-# Starts that must lead to the best duration for the search to end.
+# The search ends when this many starts have led to the best duration.
 _AGREEING_STARTS = 2
-# Durations agree that differ by less, relative to the error asked for.
+# Durations that differ by less, relative to the error asked for, count as equal.
 _AGREEMENT_SHARE = 0.1
-# Further halvings where velocity limits fall: along a parabola the error falls by a fourth only.
+# Further halvings with falling velocity limits: along a parabola each reduces the error to a
+# quarter only.
 _MORE_REFINEMENTS = 2
-# Factor on the number of starts while all have failed.
+# Factor on the number of starts if all have failed.
 _MORE_STARTS = 4
 # Least time of a segment in such a start, in mean stop times; within tolerance it may be 0.
 _BRIEFEST = 1e-6
-# Least duration of a start, relative to the motion without limits that count positions.
+# Least duration of the slower initial guess, relative to the optimum without limits of position.
 _SLOWER = 1.3
 
 
@@ -65,9 +66,9 @@ _SLOWER = 1.3
 class CollocationRefined(Planner):
     """Collocation with free nodes, refined until its own error is below `error` (CasADi/IPOPT).
 
-    `error` is the relative difference that halving every interval makes. There are at most
-    `refinements` halvings (fewer for large problems, two more where velocity limits fall). More
-    `starts` look for better local optima.
+    `error` is the relative change of the duration by halving every interval. There are at most
+    `refinements` halvings (fewer for large problems, two more with falling velocity limits). With
+    more `starts` it may find better local optima.
     """
 
     error: float = 1e-4

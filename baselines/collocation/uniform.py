@@ -52,7 +52,7 @@ _OPTIONS: Options = {
     "bound_relax_factor": 0.0,
     "max_iter": 3000,
 }
-# Free nodes start near the optimum: a small barrier from the beginning keeps them there.
+# Free nodes start near the optimum: a small initial barrier keeps them there.
 _WARM_OPTIONS: Options = {
     **_OPTIONS,
     "tol": 1e-8,
@@ -67,11 +67,11 @@ _SECONDS_PER_INTERVAL = 2e-3
 _TOUCH_DISTANCE = 1e-9
 # Shortest free interval, relative to equal intervals of the shortest segment time.
 _SHORTEST_SHARE = 1e-3
-# Weight of the mean squared drift of free intervals from their start, in the objective. Where
-# several lengths give one motion, IPOPT would wander among them.
+# Weight, in the objective, of the mean squared change of free intervals from their initial lengths.
+# It makes the solution unique where several lengths give one motion.
 _DRIFT_WEIGHT = 1e-4
-# Longest motion, relative to the time of stopping at every waypoint; and how much slower stopping
-# may be where velocity limits fall.
+# Longest motion, relative to the time of stopping at every waypoint; and the largest dilation of
+# that time with falling velocity limits.
 _LONGEST = 1.5
 _SLOWEST = 1e3
 
@@ -220,7 +220,7 @@ class CollocationGrid:
         return 0.0 if own is None else min(own.worst(motion).value, _SLOWEST)
 
     def stopping(self) -> Nodes:
-        """Return IPOPT's start: stopping at every waypoint, in twice the stop times or more."""
+        """Return the initial guess: stops at every waypoint, in at least twice the stop times."""
         times = 2 * self.slower * self.stop
         return self.cubics(times, np.zeros_like(self.waypoints[self.free]))
 
@@ -298,7 +298,7 @@ class CollocationGrid:
     def velocity_bounds(self) -> list[Array]:
         """Return the lowest and highest velocity of every interval, `(intervals, joints)` each.
 
-        A joint that only may leave the end of its range does not move towards it.
+        A joint that may only move away from an end of its range has no velocity towards it.
         """
         low, high = self.of_intervals(self.velocity)
         up, down = self.falling.leaving(self.intervals)
@@ -312,7 +312,7 @@ class CollocationGrid:
     def falling_bounds(self) -> list[Array]:
         """Return the highest values of `falling.excess`, `(intervals, joints)` each.
 
-        Of both sides' first coefficients of an interval, then of both sides' others.
+        First those of the first coefficient of an interval for both sides, then of the others.
         """
         shape = (2, len(self.stop) * self.intervals, len(self.scale))
         highest = np.zeros(shape)
@@ -576,8 +576,8 @@ class Transcription:
     def _bounds(self, grid: CollocationGrid) -> tuple[Nodes, Nodes]:
         """Return lower and upper bounds of all variables.
 
-        No segment is shorter than its displacement at top speed. At waypoints, and where the motion
-        rests, both bounds of a state are equal.
+        The least time of a segment is that of its displacement at top speed. At waypoints, and
+        where the motion rests, both bounds of a state are equal.
         """
         h = np.diff(grid.waypoints, axis=0)
         h = np.sign(h) * np.maximum(np.abs(h) - grid.tolerance[1:] - grid.tolerance[:-1], 0)
@@ -609,12 +609,12 @@ class Transcription:
 
 
 def _by_side(pairs: Array) -> Array:
-    """Limits `(…, joints, 2)` as `(2, segments or 1, joints)`."""
+    """Return limits `(…, joints, 2)` as `(2, segments or 1, joints)`."""
     return np.moveaxis(pairs, -1, 0).reshape(2, -1, pairs.shape[-2])
 
 
 def _at_nodes(of_intervals: Array, side: int) -> Array:
-    """The tighter of the limits of the intervals on both sides of each node, low or high."""
+    """Return the tighter limits, low or high, of the intervals on both sides of each node."""
     tighter = np.minimum if side else np.maximum
     before = np.concatenate([of_intervals[:1], of_intervals])
     after = np.concatenate([of_intervals, of_intervals[-1:]])

@@ -7,9 +7,9 @@
 In reading order:
 
 - `planner.py`: the registered planner `smooth`;
-- `least.py`: the smoothest motion of a duration, the shortest of a smoothness, all limits kept;
+- `least.py`: the smoothest motion of a duration, the shortest of a smoothness, within all limits;
 - `spline_program.py`: the program that IPOPT solves;
-- `curve.py`: the front, with what is proved below it;
+- `curve.py`: the front, with a proved lower bound at each of its points;
 - `bound.py`: the search for a proof, over all segment times;
 - `dual.py`: the lower bound of a simplex of segment times.
 """

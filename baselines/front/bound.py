@@ -1,9 +1,9 @@
-"""Prove a lower bound of the front at a duration, over all segment times.
+"""Prove a lower bound on the smoothness integral at a duration, over all segment times.
 
-The segment times of a duration are a simplex. It is bisected until every part's lower bound
-(`dual.py`) is close to the best motion found. Parts without active limits need the equations alone;
-the others get the limits that the best motion and some near it use. A bound may keep some waypoints
-only: without the others a motion is no less smooth.
+The segment times that add up to a duration form a simplex. It is bisected until every part's lower
+bound (`dual.py`) is close to the best motion found. Parts without active limits need the equations
+alone. The others get the limits that the best motion and some near it use. A bound may leave out
+waypoints: without them the smoothest motion is at least as smooth.
 """
 
 from __future__ import annotations
@@ -28,19 +28,20 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import weights
 
-# Segments of the problem that is bounded, at most.
+# Largest number of segments of the problem that is bounded.
 MAX_SEGMENTS = 3
-# Instants of each segment at which limits may be asked: dyadic shares are exact.
+# Instants of each segment at which limits may be imposed. Their shares are multiples of a power of
+# two, so they are exact.
 _INSTANTS = 32
-SHORTEST_EDGE = 1e-4  # relative to the segment times: a simplex below it is not halved
+SHORTEST_EDGE = 1e-4  # smaller simplices, relative to the segment times, are not halved
 _BATCH = 64
-# Choices of waypoints that are compared, at most.
+# Largest number of choices of waypoints that are compared.
 _MAX_CHOICES = 60
-# Relative to the best value: simplices whose centre is worse need no limits.
+# Simplices whose centre is worse than this, relative to the best value, need no limits.
 _NEAR_RTOL = 0.05
-# Times the value that a part must reach: more than this its costates need not prove.
+# Costates whose bound exceeds this multiple of the target are scaled down to it.
 _ENOUGH = 1.5
-# Share of the centre in the points at which costates are computed.
+# Weight of the simplex's centre in the points at which costates are computed.
 _INWARDS = 0.1
 _PREFIX = "front_"
 _LEAF_FREE, _LEAF_LIMITS = -1, -2
@@ -53,15 +54,16 @@ class FrontProof:
     Attributes:
         kept: The waypoints that are kept, by index, `(K + 1,)`.
         order: 3 for jerk, 2 for acceleration, `(1,)`.
-        duration: s, `(1,)`; 0 if the bound is that of the duration 1 s without limits, which holds
-            for every duration divided by its fifth (third) power.
-        limits: Of each row of a limit: order of the derivative, segment, share, `(rows, 3)`.
-        steps: The tree of simplices, each before its parts, `(steps, 2)`: the corners of the edge
-            that is halved, the part without the first one first; −1 for a part that the equations
-            bound, −2 for one with costates.
-        costates: Of the parts with costates those that are not 0, `(costates, 5)`: the part's
-            number among them, its corner, the row, the joint among those that move, and the value,
-            in units of the duration and of radians or metres.
+        duration: s, `(1,)`. It is 0 for a bound without limits: that of 1 s, to be divided by the
+            fifth (for acceleration, third) power of any duration.
+        limits: For each inequality: order of the derivative, segment, share of the segment at
+            which it is imposed, `(rows, 3)`.
+        steps: The tree of simplices, each before its parts, `(steps, 2)`. For a simplex that is
+            halved: the two corners of the halved edge; the part without the first one follows
+            first. −1 for a part that is bounded by the equations alone, −2 for one with costates.
+        costates: The costates that are not 0, `(costates, 5)`: number of the part among those with
+            costates, corner, row, joint among those that move, value. Units are the duration and
+            radians or metres.
     """
 
     kept: Array
@@ -72,7 +74,7 @@ class FrontProof:
     costates: Array
 
     def arrays(self) -> dict[str, Array]:
-        """Return its arrays by the names under which a solution's `stats` keep them."""
+        """Return the arrays by the names under which a solution's `stats` keep them."""
         return {f"{_PREFIX}{name}": value for name, value in vars(self).items()}
 
     @classmethod
@@ -96,13 +98,13 @@ class FrontProof:
 
 @dataclass(frozen=True, eq=False)
 class FrontBound:
-    """A proved lower bound of the smoothness integral over all segment times.
+    """A proved lower bound on the smoothness integral, over all segment times.
 
     Attributes:
         lower: No motion of the duration has a smaller integral.
-        simplices: How many were bounded.
-        closed: Whether every one is as close as asked for.
-        proof: What `proved` checks.
+        simplices: Number of simplices that were bounded.
+        closed: Whether the bound is as close to the best motion as was asked for.
+        proof: The proof, for `proved` to check.
     """
 
     lower: float
@@ -127,14 +129,14 @@ def prove(
     Args:
         problem: Without repeated waypoints.
         order: 3 for jerk, 2 for acceleration.
-        duration: s; None for 1 s without limits, whose bound serves all durations.
+        duration: s; None for 1 s without limits, whose bound gives that of any duration.
         value: The integral of the best motion known.
-        within: Relative distance from it that is close enough.
+        within: Relative gap to `value` at which to stop.
         deadline: When to stop, by `time.process_time()`.
-        times: Its segment times, relative, for the limits that it uses; without them no limit
-            counts.
-        kept: The waypoints that are kept, by index; by default all. `value` and `times` are those
-            of the problem of these waypoints.
+        times: Segment times of the best motion, relative. They determine the limits that are used;
+            without them no limit is.
+        kept: Indices of the waypoints to keep; by default all. `value` and `times` belong to the
+            problem of these waypoints.
     """
     if kept is None:
         kept = np.arange(len(problem.waypoints))
@@ -161,7 +163,7 @@ def prove(
 
 
 def chosen_waypoints(problem: Problem, order: int) -> Indices:
-    """Return the waypoints that the bound keeps: all, or those four that ask for most."""
+    """Return the waypoints that the bound keeps: all, or the four with the largest integral."""
     count = len(problem.waypoints)
     if count <= MAX_SEGMENTS + 1:
         return np.arange(count)
@@ -201,14 +203,14 @@ def problem_rows(
     for k in range(segments if duration else 0):
         for share in instants[: _INSTANTS - (k == segments - 1)]:
             kinds.append((order - 2, k, share, *velocity))
-            if order == 3:  # the acceleration is what is squared otherwise
+            if order == 3:  # otherwise acceleration is the integrand
                 kinds.append((0, k, share, *acceleration))
     power, segment, share, low, high = (np.array(column) for column in zip(*kinds, strict=True))
     return SmoothnessConstraints(order, segments, power, segment, share, low, high), scale
 
 
 def _in_use(rows: SmoothnessConstraints, times: Array) -> SmoothnessConstraints:
-    """The rows that the best costates at these times, and at some near them, use."""
+    """Return the inequalities that the best costates use at these times and at times near them."""
     near = [times]
     for k, other in permutations(range(len(times)), 2):
         moved = times.copy()
@@ -224,10 +226,11 @@ def _in_use(rows: SmoothnessConstraints, times: Array) -> SmoothnessConstraints:
 
 
 def _tamed(costates: Array, values: Array, enough: float) -> Array:
-    """Scale costates down whose bound is more than `enough`, so that it is that.
+    """Return costates, scaled down where their bound is more than `enough`, so that it is `enough`.
 
-    Where times are hardly possible the best costates are huge, and differ from corner to corner:
-    what is linear in between proves nothing. Scaled by `t` their bound is `(2 t − t²)` times it.
+    At times that are hardly possible the best costates are huge and differ much from corner to
+    corner, so a linear interpolation between corners proves little. Costates scaled by `t` have
+    `(2 t − t²)` times the bound.
     """
     share = np.minimum(1.0, enough / np.maximum(values, enough))
     scale: Array = 1 - np.sqrt(1 - share)
@@ -239,8 +242,8 @@ class _SimplexSearch:
     """Simplices of segment times: a tree whose leaves are bounded.
 
     Attributes:
-        rows: Those that may be used.
-        target: A leaf with this bound is closed.
+        rows: The equations and inequalities that may be used.
+        target: A leaf with this bound needs no further halving.
     """
 
     rows: SmoothnessConstraints
@@ -255,7 +258,7 @@ class _SimplexSearch:
         self._add(np.eye(self.rows.segments)[None], self.target)
 
     def _add(self, corners: Array, near: float) -> list[int]:
-        """Bound simplices, with limits where those of the equations do not do."""
+        """Bound simplices, with limits where the equations alone do not reach the target."""
         low = free_bounds(self.rows, corners)
         costates: list[Array | None] = [None] * len(corners)
         wanting = np.flatnonzero(low < self.target)
@@ -287,9 +290,9 @@ class _SimplexSearch:
         return added
 
     def step(self, near: float) -> None:
-        """Halve the edge of the worst simplices that is longest beside the segment times.
+        """Halve the longest edge, relative to the segment times, of the simplices with least bound.
 
-        A simplex whose edges are all short is left as it is: its bound hardly changes any more.
+        A simplex whose edges are all short is left as it is, since its bound would hardly change.
         """
         if self.rows.segments == 1:
             self.open_simplices.clear()
@@ -319,11 +322,11 @@ class _SimplexSearch:
             self.splits[parent] = (int(i[place]), int(j[place]), *parts)
 
     def lower(self) -> float:
-        """The least bound of all leaves."""
+        """Return the least bound of all leaves."""
         return min(bound for k, bound in enumerate(self.bounds) if k not in self.splits)
 
     def _walk(self) -> list[int]:
-        """All simplices, each before its parts."""
+        """Yield all simplices, each before its parts."""
         order, waiting = [], [0]
         while waiting:
             k = waiting.pop()
@@ -334,7 +337,7 @@ class _SimplexSearch:
         return order
 
     def steps(self) -> Array:
-        """The tree, as a proof states it."""
+        """Return the tree in the form of `FrontProof.steps`."""
         found = []
         for k in self._walk():
             if k in self.splits:
@@ -345,7 +348,7 @@ class _SimplexSearch:
         return np.array(found, dtype=float)
 
     def costates(self, scale: Array) -> Array:
-        """The costates of the leaves that have some, in the order of `steps`, joints unweighted."""
+        """Return the costates in the form of `FrontProof.costates`, without the joints' weights."""
         leaves = [self.leaves[k] for k in self._walk() if k not in self.splits]
         own = [y / scale for y in leaves if y is not None]
         if not own:

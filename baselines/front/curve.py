@@ -1,4 +1,4 @@
-"""The front of a problem: the smoothest motion of each duration, and what is proved below it."""
+"""The front of a problem: the smoothest motion of each duration, with a proved lower bound."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import FrontPoint
 from trajopt.planners.reductions import EQUAL_WAYPOINTS
 
-# Relative distances of the bounds from the best motions that are close enough.
+# Relative gaps between bounds and best motions at which to stop.
 _FREE_WITHIN = 2e-3
 LIMITS_WITHIN = 5e-3
-# Between the best motions with and without a waypoint that makes no difference.
+# A waypoint is left out if the best integrals with and without it differ by less, relative.
 _SAME_RTOL = 1e-3
 _ORDERS: dict[Measure, int] = {"jerk": 3, "acceleration": 2}
 _REFERENCE_SECONDS = 10.0
-# Times the shortest known duration, where no durations are asked for.
+# Durations where none are asked for, relative to the shortest known one.
 _FACTORS = (1.05, 1.1, 1.2, 1.35, 1.5, 2.0, 3.0)
 
 
@@ -35,9 +35,9 @@ def front(
 
     Args:
         problem: All its limits are kept.
-        measure: Whose square is integrated.
+        measure: `jerk` or `acceleration`, whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known.
-        time_limit: Of the bound of each point, s of CPU time.
+        time_limit: CPU time of the bound of each point, s.
 
     Raises:
         InvalidInput: No motion of a duration is found, or no motion at all.
@@ -71,10 +71,10 @@ def front(
 
 
 def free_bound(problem: Problem, measure: Measure, time_limit: float) -> FrontBound:
-    """Prove a bound for 1 s without limits; divided by a power of the duration it serves all.
+    """Prove a bound for 1 s without limits; divided by a power of a duration it holds for that one.
 
-    Of more than three segments four waypoints are kept. Where a segment is so short that its time
-    may be next to nothing, the bound without one of its waypoints is better.
+    If there are more than three segments, four waypoints are kept. If a segment is so short that
+    its time may be almost 0, the bound without one of its waypoints is better.
     """
     deadline = time.process_time() + time_limit
     kept = chosen_waypoints(problem, _ORDERS[measure])
@@ -84,7 +84,7 @@ def free_bound(problem: Problem, measure: Measure, time_limit: float) -> FrontBo
     for dropped in range(1, len(kept) - 1):
         fewer = np.delete(kept, dropped)
         if len(_of(problem, fewer).merged()[1]) > _of(problem, fewer).merged()[1].max() + 1:
-            continue  # the waypoints before and after it are the same: little is left to ask
+            continue  # its neighbours are equal: without it the bound is weak
         other = _free_bound(problem, measure, fewer, deadline)
         if other.lower > best.lower:
             best = other
@@ -94,7 +94,7 @@ def free_bound(problem: Problem, measure: Measure, time_limit: float) -> FrontBo
 def bound_with_limits(
     problem: Problem, measure: Measure, found: Least, time_limit: float
 ) -> FrontBound:
-    """Prove a bound for the duration of a motion, with the limits that act in it."""
+    """Prove a bound for the duration of a motion, with the limits that are active in it."""
     deadline = time.process_time() + time_limit
     kept, own = _kept(problem, measure, found)
     times = np.diff(own.trajectory.waypoint_times)
@@ -115,8 +115,9 @@ def bound_with_limits(
 def _kept(problem: Problem, measure: Measure, found: Least) -> tuple[Indices, Least]:
     """Return the waypoints that a bound with limits keeps, and the best motion through these.
 
-    Without a waypoint that the best motion passes anyway the bound is the same, over fewer segment
-    times: of one joint that never turns, the ends ask for everything.
+    A waypoint that the best motion passes also without being asked to is left out: the bound is the
+    same, with fewer segment times. An example are the inner waypoints of a single joint that never
+    turns.
     """
     most = chosen_waypoints(problem, _ORDERS[measure])
     inner = most[1:-1].tolist()
@@ -126,7 +127,7 @@ def _kept(problem: Problem, measure: Measure, found: Least) -> tuple[Indices, Le
             if len(kept) == len(problem.waypoints):
                 return kept, found
             if not np.diff(problem.waypoints[kept], axis=0).any(axis=1).all():
-                continue  # two that are the same, without what lies between
+                continue  # its neighbours are equal
             guess = found.trajectory_of(kept)
             own = least(_of(problem, kept), measure, found.duration, guess)
             if own is None or not own.limits_act:
@@ -155,7 +156,7 @@ def _halfway(deadline: float) -> float:
 
 
 def _of(problem: Problem, kept: Indices) -> Problem:
-    """The problem of some waypoints: a relaxation."""
+    """Return the problem of some waypoints, a relaxation."""
     chosen = np.zeros(len(problem.waypoints), dtype=bool)
     chosen[kept] = True
     return problem.at(chosen)

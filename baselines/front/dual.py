@@ -1,14 +1,15 @@
 """Lower bounds of ∫ jerk² or ∫ acceleration² on a simplex of segment times (section 12).
 
-A position, velocity or acceleration at an instant `t` is `∫ u(s) (t − s)₊^p/p! ds`, `u` the
-derivative whose square is integrated. For any numbers `y` of such rows
+Let `u` be the derivative whose square is integrated. A position, velocity or acceleration at an
+instant `t` is `∫ u(s) (t − s)₊^p/p! ds`. Equations and inequalities prescribe or bound such values.
+For any multipliers `y` of them
 
-    ∫ u² ≥ 2 y·c − y'G(T) y,
+    ∫ u² ≥ 2 y·c − y'G(T) y.
 
-where `y·c` takes the prescribed value of an equation, and the limit on the side of `y`'s sign of an
-inequality. Instants are fixed shares of the segments, so `G` is a polynomial of the segment times
-`T`. With `y` a polynomial of `T` too, the right side is one. On a simplex it is at least its
-smallest Bernstein coefficient.
+Here `c` is the prescribed value of an equation, or the limit of an inequality on the side of `y`'s
+sign. Instants are fixed shares of the segments, so `G` is a polynomial of the segment times `T`. If
+`y` is a polynomial of `T` too, so is the right side. On a simplex it is at least its smallest
+Bernstein coefficient.
 
 Time is in units of the duration: the segment times of a motion add up to 1.
 """
@@ -29,17 +30,18 @@ from trajopt.core.arrays import Array, Bools, Indices
 FREE_DEGREE = 3
 # Rounding of a sum of products, relative to the sum of the sizes of all terms.
 _ROUNDING_RTOL = 4096 * float(np.finfo(float).eps)
-# A costate at a time of 0 would be infinite: share of the centre in the points of interpolation.
+# Weight of the simplex's centre in the points of interpolation: at a segment time of 0 costates
+# would be infinite.
 _CENTRE_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothnessConstraints:
-    """The rows of a problem: first the equations, then inequalities.
+    """The rows of a problem: first its equations, then its inequalities.
 
     Attributes:
         order: 3 for jerk, 2 for acceleration.
-        segments: `K`.
+        segments: Number of segments `K`.
         power: `p` of each row, `(rows,)`.
         segment: The segment of its instant, `(rows,)`.
         share: The instant's share of that segment, `(rows,)`.
@@ -56,7 +58,7 @@ class SmoothnessConstraints:
 
     @property
     def equations(self) -> int:
-        """How many rows are equations: the waypoints, and rest at the end."""
+        """Return the number of equations: of the waypoints, and of rest at the end."""
         return self.segments + self.order - 1
 
     def only(self, keep: Indices) -> SmoothnessConstraints:
@@ -74,7 +76,8 @@ class SmoothnessConstraints:
     def gram(self, times: Array) -> Array:
         """Return `G` at segment times `(…, K)`: `(…, rows, rows)`.
 
-        Its entry is `∫ u^q/q! (u + d)^p/p! du` from 0 to the earlier instant, `d` their distance.
+        The entry of two instants at the distance `d` is `∫ u^q/q! (u + d)^p/p! du`, from 0 to the
+        earlier one.
         """
         before = np.concatenate([np.zeros((*times.shape[:-1], 1)), np.cumsum(times, -1)], -1)
         instants = before[..., self.segment] + self.share * times[..., self.segment]
@@ -97,7 +100,7 @@ class SmoothnessConstraints:
         return found
 
     def gain(self, costates: Array) -> Array:
-        """Return `y·c`: of costates `(…, rows, joints)`, the least that the rows allow."""
+        """Return `y·c` of costates `(…, rows, joints)`: its least value that the rows allow."""
         return np.where(costates > 0, costates * self.low, costates * self.high).sum((-2, -1))
 
     def gain_size(self, costates: Array) -> Array:
@@ -111,8 +114,8 @@ class Lattice(NamedTuple):
 
     Attributes:
         points: Barycentric coordinates, `(points, corners)`.
-        to_bernstein: From the values there to Bernstein coefficients, `(points, points)`.
-        error: Of a coefficient, relative to the largest value's size: rounding of `to_bernstein`.
+        to_bernstein: Matrix from the values there to Bernstein coefficients, `(points, points)`.
+        error: Rounding error of a coefficient, relative to the largest size of a value.
     """
 
     points: Array
@@ -142,7 +145,7 @@ def lattice(corners: int, degree: int) -> Lattice:
 
 @lru_cache
 def _interpolation(corners: int, degree: int) -> tuple[Array, Array]:
-    """Points of costates, and their weights at the points of the whole polynomial's lattice."""
+    """Return points for costates, and their weights at the points of the whole lattice."""
     powers = exponents(corners, FREE_DEGREE)
     nodes = powers / FREE_DEGREE
     points = lattice(corners, degree).points
@@ -156,8 +159,9 @@ def _interpolation(corners: int, degree: int) -> tuple[Array, Array]:
 def free_bounds(rows: SmoothnessConstraints, corners: Array) -> Array:
     """Return lower bounds of simplices `(B, K, K)` from the equations alone, `(B,)`.
 
-    The better of costates that go through the best ones at points of the simplex, and of a multiple
-    of those at its centre, which do better where a time may be 0.
+    Each is the better of two bounds. The first one's costates interpolate the best ones at points
+    of the simplex. The second one's are a multiple of those at its centre; it is better where a
+    segment time may be 0.
     """
     own = rows.only(np.arange(rows.equations))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -166,7 +170,7 @@ def free_bounds(rows: SmoothnessConstraints, corners: Array) -> Array:
 
 
 def _equation_costates(own: SmoothnessConstraints, times: Array) -> Array:
-    """The best costates of equations at times `(…, K)`: `(…, rows, joints)`."""
+    """Return the best costates of the equations at times `(…, K)`: `(…, rows, joints)`."""
     gram = own.gram(times)
     scale = 1 / np.sqrt(np.einsum("...ii->...i", gram))
     scaled = gram * scale[..., :, None] * scale[..., None, :] + 1e-12 * np.eye(len(own.power))
@@ -174,7 +178,7 @@ def _equation_costates(own: SmoothnessConstraints, times: Array) -> Array:
 
 
 def _constant_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
-    """`(y·c)²` over the largest Bernstein coefficient of `y'G y`, `y` the centre's best."""
+    """Return `(y·c)²` over the largest Bernstein coefficient of `y'G y`, `y` best at the centre."""
     centre = corners.mean(axis=1)
     costates = _equation_costates(own, centre)
     at = lattice(own.segments, 2 * own.order - 1)
@@ -190,7 +194,7 @@ def _constant_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
 
 
 def _curved_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
-    """From costates of degree `FREE_DEGREE` in the segment times."""
+    """Return bounds from costates of degree `FREE_DEGREE` in the segment times."""
     degree = 2 * FREE_DEGREE + 2 * own.order - 1
     nodes, weights = _interpolation(own.segments, degree)
     times = nodes @ corners
@@ -205,10 +209,10 @@ def linear_bounds(rows: SmoothnessConstraints, corners: Array, costates: Array) 
     """Return lower bounds of simplices from costates at their corners, linear in between.
 
     Args:
-        rows: All of them.
+        rows: All equations and inequalities.
         corners: `(simplices, K, K)`.
-        costates: `(simplices, K, rows, joints)`. A sum of inequalities is concave in them, so that
-            what they gain is interpolated too.
+        costates: `(simplices, K, rows, joints)`. The gain `y·c` is concave in them, so between
+            corners it is at least its linear interpolation.
     """
     degree = 2 * rows.order + 1
     points = lattice(rows.segments, degree).points
@@ -224,7 +228,7 @@ def _smallest(
     degree: int,
     gains: Array | None = None,
 ) -> Array:
-    """The smallest Bernstein coefficient of each simplex, less what rounding may do."""
+    """Return the smallest Bernstein coefficient of each simplex, less its rounding error."""
     own = lattice(rows.segments, degree)
     gram = rows.gram(own.points @ corners)
     if gains is None:
@@ -244,13 +248,13 @@ def best_costates(
 ) -> tuple[Array, Array]:
     """Return the best costates at segment times, `(B, rows, joints)`, and their values, `(B,)`.
 
-    An active-set loop that starts from no limits. Any costates prove a bound, so it may stop at any
-    time.
+    An active-set loop starts without limits. Any costates prove a bound, so it may stop after any
+    iteration.
 
     Args:
-        rows: The equations come first.
+        rows: The equations and inequalities.
         times: `(B, K)`.
-        iterations: At most.
+        iterations: Largest number of iterations.
     """
     batch, joints, count = len(times), rows.low.shape[1], len(rows.power)
     gram = np.repeat(rows.gram(times), joints, axis=0)

@@ -1,9 +1,10 @@
-"""The smoothest motion of a duration, and the shortest motion of a smoothness, all limits kept.
+"""The smoothest motion of a duration, and the shortest motion of a smoothness, within all limits.
 
-For given segment times it is one spline per joint (docs/mathematics.md, section 12): quintic for
-the least ∫ jerk², cubic for the least ∫ acceleration². Without active limits its only nodes are the
-waypoints. Where limits act, pieces are halved until that gains nothing more. Segment times are free
-in the same program. It is not convex in them: the answer is the best local optimum of a few starts.
+For given segment times the motion is one spline per joint (docs/mathematics.md, section 12):
+quintic for the least ∫ jerk², cubic for the least ∫ acceleration². Without active limits its only
+nodes are the waypoints. Where limits are active, pieces are halved until the gain is negligible.
+Segment times are variables of the same program. It is not convex in them, so the answer is the best
+local optimum of a few initial guesses.
 """
 
 from __future__ import annotations
@@ -32,19 +33,19 @@ from trajopt.planners.rest_to_rest import stop_times
 
 Measure = Literal["jerk", "acceleration"]
 
-# Pieces of each segment where limits act, at first; the next number where all starts fail.
+# Pieces of each segment at first, if limits are active; the next number if all starts fail.
 _START_PIECES = (6, 12, 24)
 _MAX_LEVELS = 7
 _MAX_PIECES = 400
-# Relative gain of a halving below which the pieces are fine enough.
+# Halving ends when its relative gain is smaller.
 _GAIN_RTOL = 1e-4
-# Bernstein coefficients so close to their limit, relative to it, are at the limit.
+# Bernstein coefficients closer to their limit than this, relative to it, are at the limit.
 _ACTIVE_RTOL = 1e-4
 # Relative slack by which limits are kept: IPOPT's own tolerance.
 _SLACK_RTOL = 1e-9
 # Shortest segment, relative to equal ones.
 _SHORTEST_SHARE = 1e-4
-# Shortest way that a segment's first time is chosen by, relative to the longest.
+# A segment's first time is chosen by its displacement, but at least by this share of the longest.
 _SHORTEST_WAY = 1e-6
 
 
@@ -52,9 +53,9 @@ class NodeSpline(NamedTuple):
     """A spline without units.
 
     Attributes:
-        pieces: Of each segment.
-        shares: Of each piece in its segment, `(pieces,)`.
-        times: Of the segments, `(segments,)`.
+        pieces: Number of pieces of each segment.
+        shares: Share of each piece in its segment's time, `(pieces,)`.
+        times: Times of the segments, `(segments,)`.
         states: Position, velocity (and acceleration) at the nodes, `(nodes, joints)` each.
     """
 
@@ -65,12 +66,12 @@ class NodeSpline(NamedTuple):
 
     @property
     def lengths(self) -> Array:
-        """Of the pieces, `(pieces,)`."""
+        """Return the durations of the pieces, `(pieces,)`."""
         return np.repeat(self.times, self.pieces) * self.shares
 
     @property
     def coefficients(self) -> list[list[Array]]:
-        """Bernstein coefficients of position, velocity, acceleration and jerk."""
+        """Return the Bernstein coefficients of position, velocity, acceleration and jerk."""
         lengths = self.lengths[:, None]
         acceleration = hermite(self.states, lengths)
         q, v = self.states[:2]
@@ -82,10 +83,11 @@ class Least:
     """A point of the front.
 
     Attributes:
-        trajectory: Keeps every limit.
+        trajectory: The motion; it keeps every limit.
         duration: s.
-        value: The integral of `measure`, as `trajopt.judging.smoothness` has it.
-        limits_act: Whether a limit is active; if not, a dilation is the answer of another duration.
+        value: Its integral, as defined in `trajopt.judging.smoothness`.
+        limits_act: Whether a limit is active. If none is, a dilation of the motion is the answer
+            for another duration.
     """
 
     trajectory: Trajectory
@@ -94,7 +96,7 @@ class Least:
     limits_act: bool
 
     def trajectory_of(self, kept: Indices) -> Trajectory:
-        """The motion as one of the problem of some waypoints, by index."""
+        """Return the motion as one of the problem of some waypoints, by index."""
         passed = self.trajectory.waypoint_times[kept]
         return replace(self.trajectory, waypoint_times=passed)
 
@@ -112,9 +114,9 @@ def least(
 
     Args:
         problem: All its limits are kept.
-        measure: Whose square is integrated.
+        measure: `jerk` or `acceleration`, whose square is integrated.
         duration: s.
-        start: A motion through the waypoints to start from too, of any duration.
+        start: A motion through the waypoints, of any duration, as one more initial guess.
     """
     return _ScaledProgram(problem, measure, duration).solve(None, start)
 
@@ -136,7 +138,7 @@ def shortest(
 
 
 class _ScaledProgram:
-    """A problem without units: of time the mean segment's, of length each joint's largest one."""
+    """A problem without units: mean segment time 1, largest displacement of each joint 1."""
 
     def __init__(self, problem: Problem, measure: Measure, duration: float) -> None:
         self.problem = problem
@@ -159,20 +161,20 @@ class _ScaledProgram:
         self.weights = own / own.max()
 
     def _limits(self, pairs: Array, order: int) -> Array:
-        """Limits of the moving joints without units, `(2, joints)`."""
+        """Return the limits of the moving joints without units, `(2, joints)`."""
         return (pairs[self.moving] * self.unit**order / self.scale[:, None]).T
 
     # --- splines ---
 
     def resting(self, times: Array) -> NodeSpline:
-        """Rest at every waypoint, a piece a segment."""
+        """Return the spline that rests at every waypoint, with one piece per segment."""
         nodes = self.q.shape
         states = [self.q, *(np.zeros(nodes) for _ in range(2 if self.quintic else 1))]
         count = len(times)
         return NodeSpline((1,) * count, np.ones(count), times, states)
 
     def trajectory(self, spline: NodeSpline) -> Trajectory:
-        """The motion in the problem's units; its duration is exact where it is given."""
+        """Return the motion in the problem's units; a given duration is exact."""
         lengths = spline.lengths * self.unit
         breaks = np.append(0.0, np.cumsum(lengths))
         factors = [self.scale / self.unit**order for order in range(len(spline.states))]
@@ -184,7 +186,7 @@ class _ScaledProgram:
         return own.beside(self.problem.waypoints[0], self.moving)
 
     def sampled(self, motion: Trajectory, pieces: tuple[int, ...], shares: Array) -> NodeSpline:
-        """The spline through a motion's states at the nodes."""
+        """Return the spline through a motion's states at the nodes."""
         passed = motion.waypoint_times
         lengths = np.repeat(np.diff(passed), pieces) * shares
         nodes = np.append(0.0, np.cumsum(lengths))
@@ -196,14 +198,14 @@ class _ScaledProgram:
         return NodeSpline(pieces, shares, np.diff(passed) / unit, states)
 
     def value(self, spline: NodeSpline) -> float:
-        """The integral, without units."""
+        """Return the integral, without units."""
         coefficients = spline.coefficients[self.order]
         return float((squared(coefficients, spline.lengths[:, None]) * self.weights).sum())
 
     # --- search ---
 
     def solve(self, budget: float | None, start: Trajectory | None) -> Least | None:
-        """Without limits first; with all of them, on finer and finer pieces, if it breaks one."""
+        """Return the optimum without limits; if it breaks one, that with limits on finer pieces."""
         free = self.free()
         if free is not None and not free.limits_act:
             return free
@@ -215,7 +217,7 @@ class _ScaledProgram:
         return None
 
     def free(self) -> Least | None:
-        """The smoothest motion without limits; `limits_act` says that it breaks one."""
+        """Return the smoothest motion without limits; `limits_act` is true if it breaks one."""
         found = []
         for times in self._shares():
             spline = self._solved(self.resting(times), (), None, warm=False)
@@ -228,7 +230,7 @@ class _ScaledProgram:
         return self._point(best, limits_act=not certificate.valid or certificate.dilation > 1)
 
     def _shares(self) -> Iterator[Array]:
-        """Segment times to start from: about as long as the ways, and more equal ones."""
+        """Yield initial segment times: in proportion to displacements, and more equal ones."""
         count = self.problem.segments
         if count == 1:
             yield np.ones(1)
@@ -253,7 +255,7 @@ class _ScaledProgram:
         yield self.sampled(self.trajectory(resting), pieces, shares)
 
     def _refined(self, start: NodeSpline, budget: float | None) -> Least | None:
-        """Halve the pieces where limits begin and end to act, until that gains nothing more."""
+        """Halve the pieces where limits become active or inactive, until the gain is negligible."""
         orders = tuple(order for order in range(4) if np.isfinite(self.limits[order]).any())
         spline = self._solved(start, orders, budget, warm=False)
         if spline is None:
@@ -277,7 +279,7 @@ class _ScaledProgram:
         return self._point(self.trajectory(spline), limits_act=True)
 
     def _goal(self, spline: NodeSpline, budget: float | None) -> float:
-        """What is minimised; a duration counts as the integral that it saves."""
+        """Return the objective's value; a duration is converted to an integral."""
         if budget is None:
             return self.value(spline)
         return float(spline.times.sum() ** (2 * self.order - 1))
@@ -290,7 +292,7 @@ class _ScaledProgram:
     def _solved(
         self, start: NodeSpline, orders: tuple[int, ...], budget: float | None, *, warm: bool
     ) -> NodeSpline | None:
-        """IPOPT's local optimum on the pieces of `start`."""
+        """Return IPOPT's local optimum on the pieces of `start`."""
         count = len(self.q) - 1
         joints = len(self.scale)
         layout = ProgramShape(
@@ -320,14 +322,14 @@ class _ScaledProgram:
         return start._replace(times=times, states=states)
 
     def _variables(self, spline: NodeSpline) -> list[Array]:
-        """The states of a spline as the program has them."""
+        """Return the states of a spline as the program's variables."""
         acceleration = hermite(spline.states, spline.lengths[:, None])
         return [*spline.states, *(acceleration[1:-1] if self.quintic else acceleration)]
 
     def _bounds(
         self, spline: NodeSpline, shapes: list[tuple[int, ...]], orders: tuple[int, ...]
     ) -> tuple[Array, Array]:
-        """Lowest and highest times and variables; waypoints and the ends' states are fixed."""
+        """Return the bounds of times and variables; waypoints and the ends' states are fixed."""
         passed = np.append(0, np.cumsum(spline.pieces))
         sides = []
         for side, infinite in enumerate((-np.inf, np.inf)):
@@ -359,7 +361,7 @@ class _ScaledProgram:
     # --- pieces ---
 
     def _halved(self, spline: NodeSpline, orders: tuple[int, ...]) -> NodeSpline | None:
-        """Halve pieces in which a limit is active in part, and those beside them."""
+        """Halve the pieces in a part of which a limit is active, and their neighbours."""
         chosen = self._mixed(spline, orders)
         segment = np.repeat(np.arange(len(spline.pieces)), spline.pieces)
         if not chosen.any() or len(chosen) + chosen.sum() > _MAX_PIECES:

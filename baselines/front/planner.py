@@ -18,7 +18,7 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
-# Times the shortest known duration, where neither a duration nor a budget is asked for.
+# The duration where neither a duration nor a budget is given, relative to the shortest known one.
 _DEFAULT_FACTOR = 1.2
 _REFERENCE_SECONDS = 10.0
 
@@ -29,10 +29,11 @@ class Smooth(Planner):
 
     Every kind of limit is kept at every instant.
 
-    - `measure`: `jerk` or `acceleration`, whose square is integrated; acceleration may jump in the
-      latter, unless jerk is limited;
+    - `measure`: `jerk` or `acceleration`, whose square is integrated; with `acceleration` it may
+      jump, unless jerk is limited;
     - `duration`: s, of the motion; by default 1.2 times the shortest known;
-    - `budget`: of the integral, as `trajopt judge` states it; then the shortest motion within it.
+    - `budget`: upper limit of the integral, as `trajopt judge` states it. The answer is then the
+      shortest motion within it.
     """
 
     measure: Literal["jerk", "acceleration"] = "jerk"
@@ -71,8 +72,8 @@ class Smooth(Planner):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best local optimum. `stats`: `value`, the integral; `limits_act`.
 
-        `limits_act` is 1 where some limit is active; else a dilation of the motion is the answer of
-        another duration.
+        `limits_act` is 1 where some limit is active. Otherwise a dilation of the motion is the
+        answer for another duration.
         """
         # late: planners that are only listed need none of it
         from baselines.front.least import least, shortest

@@ -1,4 +1,4 @@
-"""The program of a spline's nodes and segment times, for IPOPT.
+"""The program for IPOPT whose variables are a spline's nodes and segment times.
 
 Each segment is cut into pieces. A joint's position and velocity at the nodes and the Bernstein
 coefficients of its acceleration are variables, and so are the segment times. Pieces are quintic; or
@@ -30,15 +30,16 @@ _WARM_OPTIONS: Options = {**_OPTIONS, "mu_init": 1e-4, "bound_push": 1e-5, "boun
 
 
 class ProgramShape(NamedTuple):
-    """What a program is built for; its numbers are parameters.
+    """The structure of a program; all numbers are its parameters.
 
     Attributes:
-        pieces: Of each segment.
-        joints: That move.
-        order: Of the derivative whose square is integrated: 3 for jerk, 2 for acceleration.
-        quintic: Whether acceleration is continuous, by quintic pieces; else pieces are cubic.
+        pieces: Number of pieces of each segment.
+        joints: Number of joints that move.
+        order: Order of the derivative whose square is integrated: 3 for jerk, 2 for acceleration.
+        quintic: Whether pieces are quintic, so that acceleration is continuous; else cubic.
         limits: The orders of the derivatives that are limited between nodes.
-        budget: Whether the integral is limited and the duration minimised; else the other way.
+        budget: Whether the duration is minimised with a limit on the integral, or the integral for
+            a given duration.
         warm: Whether the start is near the optimum.
     """
 
@@ -79,7 +80,8 @@ def hermite(states: Sequence[Array], lengths: Array) -> list[Array]:
 def integrated(q: Any, v: Any, acceleration: Sequence[Any], lengths: Any) -> list[list[Any]]:
     """Return the Bernstein coefficients of position, velocity, acceleration and jerk.
 
-    Sums of what is small: differences of positions would lose the digits of short pieces.
+    They are summed from the acceleration: differences of positions would lose the digits of short
+    pieces.
 
     Args:
         q: Position where each piece starts, `(pieces, joints)`: an array or CasADi's symbol.

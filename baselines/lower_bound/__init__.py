@@ -7,7 +7,7 @@
 In reading order:
 
 - `planner.py`: the registered planner `prove`;
-- `bound.py`: the function `prove`, for both questions;
+- `bound.py`: the function `prove`, for any trajectory and for 3-5-3 splines;
 - `incumbent.py`: the best trajectory of the references.
 
 The bound on every trajectory, under every kind of limit:

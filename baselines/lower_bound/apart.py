@@ -1,9 +1,11 @@
-"""The waypoints that a lower bound counts.
+"""Leave out waypoints that would make a lower bound's proof impossible.
 
-Those that rounding may miss are left out (`trajopt.core.resolution`). So is a waypoint within
-tolerance whose box does not leave the box before it, or the next point at which the motion waits or
-ends: between them a segment may take no time, whose inverse has no upper bound, unless a
-least time is between them. Without a waypoint a problem is a relaxation.
+Without a waypoint a problem is a relaxation, so the bound stays valid. Waypoints that a motion may
+miss by rounding are left out (`trajopt.core.resolution`). A tolerance makes a box around each
+waypoint. A segment between two boxes that overlap may take no time, and its inverse time, a
+variable of the proof, has no upper bound. So a waypoint is left out if its box overlaps the box of
+the waypoint before it, or that of the next one at which the motion waits or ends. It stays if there
+is a least time between the two.
 """
 
 from __future__ import annotations
@@ -20,12 +22,13 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared, thinned
 
-# Boxes are apart where their centres are, in some joint, this many times both half widths.
+# Two boxes count as apart if their centres differ, in some joint, by more than this factor times
+# the sum of both half widths.
 APART = 1025 / 1024
 
 
 def counted(problem: Problem) -> Bools:
-    """Return the waypoints that a lower bound counts, `(waypoints,)`.
+    """Return which waypoints the relaxation keeps, `(waypoints,)`.
 
     Args:
         problem: Without consecutive identical waypoints.
@@ -56,10 +59,10 @@ def counted(problem: Problem) -> Bools:
 
 
 def relaxed(problem: Problem) -> Problem:
-    """Return the problem through the waypoints that a lower bound counts.
+    """Return the problem through the waypoints that the relaxation keeps.
 
     Raises:
-        InvalidInput: Within tolerance a segment between them takes no time.
+        InvalidInput: Even so, a segment could take no time within the tolerance.
     """
     if "tolerance" not in problem.demands:
         return thinned(problem)
@@ -74,9 +77,10 @@ def relaxed(problem: Problem) -> Problem:
 
 
 def _widest(problem: Problem, kept: Bools) -> Limits:
-    """The limits of the segments between these waypoints: the widest of all that each consists of.
+    """Return the limits of the segments between these waypoints.
 
-    Which of them a motion has passed at an instant is not known.
+    A segment may consist of several original ones. Their widest limits hold throughout, since a
+    motion may pass a waypoint that was left out at any time.
     """
     limits = problem.limits
     if limits.segments is None:

@@ -1,4 +1,4 @@
-"""Ask for a lower bound on the minimum time, and for the shortest verified trajectory.
+"""Prove a lower bound on the minimum time, and return the shortest verified trajectory.
 
 Linear programs bound all trajectories under every kind of limit (`branching.py`, `dual_check.py`).
 Boxes of two ratios bound the 3-5-3 splines with shared times (`ratio_boxes.py`). Both searches end
@@ -31,7 +31,7 @@ from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
 
-# Smallest time limit that counts, s: a shorter one still lets a proof begin.
+# A shorter time limit counts as this one, s, so that a proof can begin.
 _MIN_TIME_LIMIT_S = 1.0
 # Share of the time limit that an incumbent may take.
 _INCUMBENT_SHARE = 0.3
@@ -46,7 +46,7 @@ class Bound:
     """Bounds on the minimum time. All times in seconds.
 
     Attributes:
-        lower_bound: No trajectory is shorter.
+        lower_bound: No trajectory takes less.
         upper_bound: The certified duration of `trajectory`; infinite without a trajectory that
             keeps every limit.
         proved_within: Upper over lower bound, minus 1.
@@ -56,8 +56,8 @@ class Bound:
         trajectory: The fastest one known.
         message: The reason if the time limit left no time to begin.
         proof: Proof of the lower bound, checked without a solver; None for a closed form.
-        disagreement: By how much the starts of the trajectory's planner differ, relative; None
-            where it states none.
+        disagreement: Relative difference of the best two starts of the trajectory's planner; None
+            where it states no starts.
     """
 
     lower_bound: float
@@ -81,12 +81,12 @@ def prove(
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
     Args:
-        problem: All its limits count.
-        family: Any trajectory, or the 3-5-3 spline only.
+        problem: All its limits are used.
+        family: Any trajectory, or 3-5-3 splines only.
         within: Relative gap of upper and lower bound at which to stop, positive.
-        time_limit: Seconds, building the programs included; then the bounds reached are the answer.
-            A problem whose first program alone takes longer (and longer than one second) gets a
-            bound in closed form and a message.
+        time_limit: s, including the time to build the programs. After it the bounds reached are the
+            answer. If the first program alone takes longer than that, and longer than one second,
+            the bound is one in closed form, and a message says so.
         clock: The clock of the time limit. By `time.process_time` what else the machine does
             changes no bound.
 
@@ -153,7 +153,7 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
 
 
 def _impossible(given: float, lower: float, proof: BoundProof | None) -> Bound:
-    """Return that no motion has the given times, s: none so slow is so brief."""
+    """Return that no motion has the given times, s: the lower bound is above their sum."""
     message = f"no motion has the given times, {given:.9g} s together: it would take {lower:.9g} s"
     return Bound(lower, np.inf, np.inf, "infeasible", None, message, proof)
 

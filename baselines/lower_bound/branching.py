@@ -1,9 +1,9 @@
 """Prove that no motion is shorter than a cut-off, by branching on segment times.
 
-The relaxation's linear program gets rows of costates where its answers violate them, until no row
-is violated. The bounds of single variables that the program then proves narrow the box. Where that
-ends, the box is split. Every bound used is the one that `dual_check` computes from the program's
-multipliers, so the steps taken here are the proof.
+Inequalities of costates are added to the relaxation's linear program where its answers violate
+them, until none is violated. Then the program bounds single variables, which narrows the box. Where
+that no longer helps, the box is split. Every bound is the one that `dual_check` computes from the
+program's multipliers, so the steps of the search are the proof.
 """
 
 from __future__ import annotations
@@ -28,39 +28,40 @@ from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 
-# Rounds of rows for the total time, at the root and below, and for a single variable.
+# Rounds of adding inequalities: for the total time at the root and below, and for one variable.
 _MAX_ROOT_ROUNDS = 60
 _MAX_NODE_ROUNDS = 6
 _MAX_VARIABLE_ROUNDS = 4
 # Sweeps over all segment times and accelerations of a node.
 _MAX_ROOT_SWEEPS = 12
 _MAX_NODE_SWEEPS = 3
-# Least move of a box's side that is a step, and what is kept back of a move against rounding;
+# Least move of a box's side that becomes a step, and the margin that each move leaves for rounding,
 # relative to the box's width.
 _MIN_MOVE = 0.02
 _MOVE_MARGIN = 1e-4
-# Least share by which a sweep narrows the box's times for another sweep to follow.
+# Another sweep follows if the last one has narrowed the box's times by this share.
 _MIN_NARROWING = 0.05
 # Distance of the cut-off above the target, relative to the gap asked for.
 _CUTOFF_ABOVE_TARGET = 0.5
 _LONGER_CUTOFF = 1.25
-# Violations at which a row is added: at last relative to the gap asked for, at first, and at least.
+# Least violation of an added inequality: in the last rounds, relative to the gap asked for; in the
+# first rounds; and in any.
 _FINAL_VIOLATION_SHARE = 0.1
 _FIRST_VIOLATION = 1e-3
 _MIN_VIOLATION = 1e-8
-# Least progress of the bound for another round or split, relative to the missing part.
+# Least progress of the bound for another round or split, relative to its distance from the target.
 _MIN_PROGRESS = 0.01
 # Splits without that progress before the search gives up.
 _MAX_IDLE_SPLITS = 24
-# Number of the cut-off's row among a box's rows.
+# Index of the cut-off's inequality among those of a box.
 _CUTOFF_ROW = 0
-# A scaled ray proves the cut-off this many times over.
+# Factor by which a scaled ray exceeds what proves the cut-off.
 _RAY_FACTOR = 4.0
 # Least distance of a split from the box's sides, relative to the box's width.
 _SPLIT_MARGIN = 0.2
 # Least violation of a tangent to `1/T`, relative.
 _MIN_TANGENT_VIOLATION = 1e-9
-# A row of cost 1 is active at a motion within this.
+# An inequality of cost 1 with less slack at a motion is active.
 _ACTIVE_TOLERANCE = 1e-6
 _TANGENTS_PER_SEGMENT = 5
 
@@ -103,14 +104,14 @@ def branch_and_bound(
     late: Callable[[], bool],
     motion: Trajectory | None = None,
 ) -> ProvedBound:
-    """Prove that no motion is shorter than the target, or as much of it as there is time for.
+    """Prove that no motion is shorter than the target, or than less if the time is over first.
 
     Args:
-        problem: Without identical consecutive waypoints; all its limits count.
-        target: s. It need not be true: the bound proved is then below it.
+        problem: Without identical consecutive waypoints; all its limits are used.
+        target: s. If it is not a lower bound, the bound that is proved is smaller.
         gap: Relative distance of the target from the fastest motion known; it sets the tolerances.
         late: Returns whether the time limit is over.
-        motion: A good motion, whose costates give the first rows. Near the optimum they prove most.
+        motion: A motion near the optimum; the first inequalities are those active at it.
 
     Raises:
         MissingBackend: HiGHS is not installed.
@@ -142,7 +143,7 @@ def branch_and_bound(
 
 
 class _BranchAndBound:
-    """The linear program with all rows found so far, and the tree."""
+    """The linear program with all inequalities found so far, and the tree of boxes."""
 
     def __init__(
         self, relaxation: Relaxation, target: float, gap: float, late: Callable[[], bool]
@@ -182,7 +183,7 @@ class _BranchAndBound:
         return root
 
     def _grow(self, root: _Node) -> None:
-        """Treat and split the box of the lowest bound, until there is no progress."""
+        """Bound, narrow and split the box with the lowest bound, until there is no progress."""
         order = itertools.count()
         self._narrow_by_cutoff(root)
         self._treat(root, _MAX_ROOT_ROUNDS, _MAX_ROOT_SWEEPS)
@@ -223,7 +224,7 @@ class _BranchAndBound:
         return box.high[times] - box.low[times]
 
     def _bound_total(self, node: _Node, rounds: int) -> None:
-        """Bound the total time in a box from below, adding rows until none is violated."""
+        """Bound the total time in a box from below; add inequalities until none is violated."""
         self.pool.enter(node.box)
         violation = max(self.least_violation, _FIRST_VIOLATION)
         before = -np.inf
@@ -246,7 +247,7 @@ class _BranchAndBound:
             violation = max(self.least_violation, violation / 10)
 
     def _prove_leaf(self, node: _Node, answer: LinearOptimum) -> None:
-        """Keep what an answer's multipliers prove of the total time, if it is more than before."""
+        """Keep the bound that an answer's multipliers prove, if it is larger than before."""
         multipliers = answer.multipliers
         if answer.x is None:
             multipliers = self._scaled_ray(multipliers)
@@ -256,11 +257,11 @@ class _BranchAndBound:
             node.bound = max(node.bound, proved.bound)
 
     def _scaled_ray(self, ray: Array) -> Array:
-        """Return multipliers that prove the target where no point satisfies the rows.
+        """Return multipliers that prove the target where no point satisfies the inequalities.
 
-        A ray that uses the cut-off's row `Σ T ≤ U` proves `Σ T > U` by its other multipliers,
-        divided by that row's. They are of moderate size, so they can be rounded. Any other ray is
-        made long enough to prove the cut-off.
+        A ray with a multiplier of the cut-off `Σ T ≤ U` proves `Σ T > U` by its other multipliers,
+        divided by that one. They are of moderate size, so they can be rounded. Any other ray is
+        scaled until it proves the cut-off.
         """
         of_cutoff = ray[_CUTOFF_ROW]
         if of_cutoff > 0:
@@ -274,14 +275,14 @@ class _BranchAndBound:
         return ray * (_RAY_FACTOR * self.relaxation.cutoff / proved)
 
     def _narrow_by_cutoff(self, node: _Node) -> None:
-        """Bound each segment's time by what the cut-off leaves if all others are shortest."""
+        """Bound each segment's time by the cut-off minus the least times of all others."""
         multipliers = np.zeros(self.pool.box_count)
         multipliers[_CUTOFF_ROW] = 1.0
         for column in self.relaxation.time.tolist():
             self._move(node, dual_check.LOWER, column, multipliers)
 
     def _sweep(self, node: _Node, with_accelerations: bool) -> None:
-        """Move both sides of the box's times (and accelerations) as far as the rows prove."""
+        """Move both sides of the box's times and accelerations as far as can be proved."""
         relaxation = self.relaxation
         columns = relaxation.time.tolist()
         if with_accelerations:
@@ -295,7 +296,7 @@ class _BranchAndBound:
                     return
 
     def _tighten(self, node: _Node, kind: int, column: int) -> None:
-        """Move one side of the box as far as the rows prove, adding rows while that helps."""
+        """Move one side of the box as far as can be proved; add inequalities while that helps."""
         width = node.box.high[column] - node.box.low[column]
         if width <= 0:
             return
@@ -314,7 +315,7 @@ class _BranchAndBound:
         self._move(node, kind, column, answer.multipliers)
 
     def _move(self, node: _Node, kind: int, column: int, multipliers: Array) -> None:
-        """Move one side of the box as far as multipliers prove, if it moves far enough."""
+        """Move one side of the box as far as multipliers prove, unless that is negligible."""
         width = node.box.high[column] - node.box.low[column]
         proved = self.pool.proved(self._side_objective(kind, column), multipliers)
         # rounding must not grow from step to step
@@ -355,7 +356,7 @@ class _BranchAndBound:
     # --- rows ---
 
     def _separate(self, x: Array, violation: float) -> int:
-        """Add the rows that a point violates; return their number."""
+        """Add the inequalities that a point violates; return their number."""
         relaxation = self.relaxation
         before = len(self.pool.found)
         times = x[relaxation.time]
@@ -380,7 +381,7 @@ class _BranchAndBound:
         return len(self.pool.found) - before
 
     def add_active_rows(self, x: Array) -> None:
-        """Add the rows that are active at a motion's times, velocities and accelerations."""
+        """Add the inequalities that are active at a motion's times, velocities, accelerations."""
         relaxation = self.relaxation
         times = x[relaxation.time]
         exact = x.copy()
@@ -399,7 +400,7 @@ class _BranchAndBound:
     # --- the proof ---
 
     def proof(self, root: _Node) -> BoundProof:
-        """Return the tree as a proof, with only those rows that it uses."""
+        """Return the tree as a proof, with only the inequalities that it uses."""
         steps = list(_walk(root))
         used = np.unique(np.concatenate([step.rows for step in steps]))
         tables, new_numbers = self.pool.tables(used)
@@ -430,7 +431,7 @@ def _walk(node: _Node) -> Iterator[_Step]:
 
 
 def _moderate(table: Array) -> Array:
-    """Set numbers to 0 that are too small for a proof: any numbers prove some bound."""
+    """Set numbers to 0 that are too small for a proof; it stays valid with any numbers."""
     return np.where(np.abs(table) < dual_check.SMALLEST, 0.0, table)
 
 

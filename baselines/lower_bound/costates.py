@@ -1,4 +1,4 @@
-"""Rows that any three functions `p, q, λ` give (docs/mathematics.md, section 5b).
+"""Inequalities that follow from any three functions `p, q, λ` (docs/mathematics.md, section 5b).
 
 In normalised time `τ`, over one segment and joint, `v' = α`, `α' = u` and `x' = v`, where
 `|u| ≤ J Q`, `|α| ≤ A T`, `|v| ≤ V` and `x` runs from 0 to `h S`. Integrating by parts, for
@@ -11,16 +11,16 @@ brackets from 0 to 1, jumps included. Bounding the right-hand side by the limits
     p₁ α₁ − p₀ α₀ + q₁ v₁ − q₀ v₀ + λ₁ h S
         ≤ Q J ∫|p| + T A ∫|dp + q dτ| + V ∫|dq + λ dτ| + S (x_max ∫dλ⁺ − x_min ∫dλ⁻):
 
-linear in the segment's variables, and nothing is discretised. The functions are the optimality
-conditions' costates where the row is as tight as it can be.
+This is linear in the segment's variables, and nothing is discretised. The inequality is tightest
+where the functions are the costates of the optimality conditions.
 
-Where velocity limits fall towards the end of a range at the distance `D` from the segment's start,
-`v + o ≤ sqrt(2 d w)` for the distance `w = D − x T`, so for every `c > 0`
+A velocity limit that falls towards the end of a range, at the distance `D` from the segment's
+start, is `v + o ≤ sqrt(2 d w)` with `w = D − x T`. So for every `c > 0`
 
-    v + c x ≤ d T / (2 c) + c D S − o,
+    v + c x ≤ d T / (2 c) + c D S − o.
 
-a tangent of the parabola whose place moves with `T`. Where `λ` rises at the rate `λ'` and
-`μ = q' + λ ≥ 0`, both are paid together with `c = λ' / μ`, by
+It is a tangent of the parabola, and its point moves with `T`. Where `λ` rises at the rate `λ'` and
+`μ = q' + λ ≥ 0`, the choice `c = λ' / μ` bounds both of their terms together by
 
     T d ∫μ² / (2 λ') + S D ∫dλ − o ∫μ.
 """
@@ -38,19 +38,19 @@ from trajopt.core.arrays import Array, Bools, Indices
 # `f0, f1, f2` of `f0 + f1 s + f2 s²`, piece by piece.
 Quadratic = tuple[Array, Array, Array]
 
-# A generous bound on the rounding of a few dozen operations, relative to the terms' sizes.
+# Upper bound on the rounding of a few dozen operations, relative to the terms' sizes.
 COEFFICIENT_RTOL = 1e-14
 # Rounding of a sum for each of its cells, relative to the terms' sizes.
 _CELL_RTOL = 2.0**-52
 
-# A cell: its start, `p` as a quadratic from there, `q` as a line, `λ`; then, where velocity limits
-# fall, the rate of `λ`.
+# Columns of a cell: its start, three coefficients of `p` from there, two of `q`, then `λ`; where
+# velocity limits fall, also the rate of `λ`.
 CELL_COLUMNS = 7
 SLOPE, RATE = 6, 7
 
 
 class Cut(NamedTuple):
-    """A row of costates: segment, joint (among those that move) and cells, `(cells, 7 or 8)`."""
+    """Costates of one inequality: segment, joint (of those that move), cells `(cells, 7 or 8)`."""
 
     segment: int
     joint: int
@@ -83,14 +83,14 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
     """Return the inequalities that costates give.
 
     Args:
-        relaxation: Whose limits count.
-        given: Segments and joints (among those that move), counted from 0, `(rows,)`; cells
-            `(rows, cells, 7 or 8)`: start in normalised time (the first 0), `p0, p1, p2`, `q0, q1`,
-            `λ`, and its rate if there are any.
+        relaxation: Its limits are used.
+        given: Indices of segments and joints (of those that move), `(rows,)`. Cells
+            `(rows, cells, 7 or 8)`: start in normalised time (the first is 0), `p0, p1, p2`,
+            `q0, q1`, `λ`, and its rate if any rate is not 0.
 
     Returns:
-        Coefficients of the variables in `Relaxation.row_columns`, `(rows, 7)`, and the bounds;
-        rounded so that the rows are valid.
+        Coefficients of the variables in `Relaxation.row_columns`, `(rows, 7)`, and the bounds,
+        rounded so that the inequalities are valid.
     """
     parts = _Parts.of(relaxation, given)
     h = relaxation.h[given.segments, given.joints]
@@ -125,7 +125,7 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
 class _Parts(NamedTuple):
     """Costates of rows, `(rows, cells)`, and their limits' sizes, `(2, rows, 1)`.
 
-    `together` says where a falling velocity limit pays for both `q' + λ` and the rate of `λ`.
+    `together` is true where a falling velocity limit bounds `q' + λ` and the rate of `λ` together.
     """
 
     widths: Array
@@ -211,7 +211,7 @@ def _by_velocity(parts: _Parts) -> Array:
 
 
 class _ByFalling(NamedTuple):
-    """What falling velocity limits can add: a constant, per `T`, and per `S` with its terms' size.
+    """Cost by falling velocity limits: a constant, per `T`, and per `S` with its terms' size.
 
     Positive parts are rounded upwards, `(rows,)` each.
     """
@@ -225,8 +225,8 @@ class _ByFalling(NamedTuple):
 def _by_falling(relaxation: Relaxation, given: Costates, parts: _Parts) -> _ByFalling:
     """Return the cost of the cells in which `λ` has a rate.
 
-    Where a falling velocity limit pays for both, `μ = |q' + λ|` is a line that rises at the rate's
-    size. Elsewhere the rate is paid as a jump of `λ` is, by the farthest position.
+    Where a falling velocity limit bounds both terms, `μ = |q' + λ|` rises linearly at the size of
+    the rate. Elsewhere the rate costs as much as a jump of `λ`, by the farthest position.
     """
     falling = relaxation.falling
     _, q1, _ = parts.q
@@ -247,7 +247,7 @@ def _by_falling(relaxation: Relaxation, given: Costates, parts: _Parts) -> _ByFa
     farthest = [-relaxation.below[place], relaxation.above[place]]
     to_wall = np.where(upwards, farthest[1][:, None], farthest[0][:, None])
     inverse = gained * np.where(parts.together, to_end, to_wall)
-    # the rounding of λ at a cell's end is a jump that nothing else pays for
+    # the rounding of λ at a cell's end is a jump, and costs as one
     sizes = (np.abs(parts.slope) + gained) * (np.abs(farthest[0]) + np.abs(farthest[1]))[:, None]
     sizes = sizes + gained * np.abs(to_end)
     rounding = parts.sum_rtol * offset.sum(axis=1)
@@ -260,7 +260,7 @@ def _by_falling(relaxation: Relaxation, given: Costates, parts: _Parts) -> _ByFa
 
 
 def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
-    """Move `p0` until `p` has nowhere the sign of a side without a jerk limit."""
+    """Move `p0` until `p` is nowhere of the sign whose side has no jerk limit."""
     p0, p1, p2 = p
     rounding = COEFFICIENT_RTOL * _size(p, widths)
     vertex = _quotient(-p1, 2 * p2)
@@ -278,14 +278,14 @@ def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
 
 
 def value(quadratic: Quadratic, s: Array) -> Array:
-    """`f0 + f1 s + f2 s²`."""
+    """Return `f0 + f1 s + f2 s²`."""
     f0, f1, f2 = quadratic
     slope = f1 + s * f2
     return f0 + s * slope
 
 
 def area(quadratic: Quadratic, s: Array) -> Array:
-    """Integral of the quadratic from 0 to `s`."""
+    """Return the integral of the quadratic from 0 to `s`."""
     f0, f1, f2 = quadratic
     halves = (f0, f1 / 2, f2 / 3)
     mean = value(halves, s)
@@ -322,7 +322,7 @@ def integral(quadratic: Quadratic, widths: Array, down: float | Array, up: float
         places = (start, inside, end)
         values = [sign * value(quadratic, place) for place in places]
         least = np.min(values, axis=0)
-        # the depth of the other sign
+        # the largest value of the other sign
         depth = np.maximum(-least, 0.0) + rounding
         length = end - start
         total += weight * np.abs(gained)
@@ -380,14 +380,14 @@ def _position_costs(relaxation: Relaxation, given: Costates, parts: _Parts) -> t
 
 
 def _quotient(a: Array, b: Array) -> Array:
-    """Return `a / b`, and 0 where it is not finite: a hint, which may be wrong."""
+    """Return `a / b`, and 0 where it is not finite; validity does not depend on it."""
     with np.errstate(all="ignore"):
         quotient = a / b
     return np.where(np.isfinite(quotient), quotient, 0.0)
 
 
 def _roots(quadratic: Quadratic) -> Array:
-    """Return both roots, `(2, pieces)`, or any numbers: hints, which may be wrong."""
+    """Return approximate roots, `(2, pieces)`; validity does not depend on them."""
     f0, f1, f2 = quadratic
     with np.errstate(under="ignore"):
         square = f1 * f1 - 4 * f2 * f0

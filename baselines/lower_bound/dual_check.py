@@ -1,12 +1,13 @@
 """A proof of a lower bound: a tree of boxes and multipliers, checked without a solver.
 
-Every step's multipliers `y ≥ 0` add rows `A x ≤ b` of the relaxation to an objective `c`:
+The relaxation has inequalities `A x ≤ b`. The multipliers `y ≥ 0` of a step bound an objective `c`:
 
-    c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box − bᵀ y.
+    c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box of (c + Aᵀ y) x, less bᵀ y.
 
-This holds for any multipliers, so no solver has to be believed. The rounding of the arithmetic is
-bounded by the sizes of all terms and subtracted. This bound needs numbers of moderate size: other
-numbers are refused, and so is any overflow or underflow (docs/mathematics.md, section 5c).
+This holds for any multipliers, so the check does not depend on the solver. The rounding of the
+arithmetic is bounded by the sizes of all terms and subtracted. That requires numbers of moderate
+size: other numbers are refused, and so is any overflow or underflow (docs/mathematics.md,
+section 5c).
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class BoundProof:
 
     Attributes:
         units: The unit of time, s, then of each moving joint's lengths, rad; powers of two.
-        cutoff: Longer motions were not asked about, s, `(1,)`.
+        cutoff: The proof is about motions shorter than this, s, `(1,)`.
         tangents: Segment and place of each tangent to `1/T`, `(tangents, 2)`.
         square_tangents: Segment and place of each square tangent of `jerk_rows`; optional.
         ramps: Segment, joint and side of each ramp of `jerk_rows`, `(ramps, 3)`; optional.
@@ -166,19 +167,19 @@ class _ProofRows(NamedTuple):
 
 
 def proved_bound(problem: Problem, proof: BoundProof) -> float:
-    """Return the lower bound that a proof proves, s: no motion within all limits is shorter.
+    """Return the lower bound that a proof proves, s: no motion within all limits takes less.
 
     Args:
-        problem: Consecutive identical waypoints count once, and those that rounding may miss
-            (`trajopt.core.resolution`) not at all.
-        proof: Any proof, honest or not.
+        problem: Consecutive identical waypoints count once. Waypoints that a motion may miss by
+            rounding (`trajopt.core.resolution`) are left out.
+        proof: The proof; a wrong one proves a smaller bound or is refused.
 
     Raises:
         InvalidInput: The proof is not one of this problem, or not in order.
     """
     _check_numbers(proof)
     try:
-        # an operation that raises no flag is exact, or rounds its last digit
+        # without overflow or underflow an operation's error is half a unit in its last place
         with np.errstate(all="raise"):
             relaxation = relaxation_of(relaxed(SIMPLEST.apply(problem)), proof)
             rows = _proof_rows(relaxation, proof)
@@ -266,7 +267,7 @@ def _cuts(relaxation: Relaxation, proof: BoundProof) -> BoundConstraints:
 
 
 def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
-    """Return rows of costates as rows of the relaxation.
+    """Return the inequalities of the proof's costates.
 
     Raises:
         InvalidInput: The cells do not divide the segment, the joint has no jerk limit and `p` is
@@ -295,9 +296,9 @@ def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
 def _count_given_with_time(
     relaxation: Relaxation, rows: BoundConstraints, given: Sequence[Cut]
 ) -> None:
-    """Count `α = a T` of an acceleration that is given at an end with `T`.
+    """Replace `α = a T` by its multiple of `T` where the acceleration `a` at an end is given.
 
-    The rounding of the sum of both coefficients is paid for where `T` is longest.
+    The rounding of the sum of both coefficients is subtracted for the longest `T`.
     """
     for entry in (ROW_ENTRIES - 2, ROW_ENTRIES - 1):
         (numbers,) = np.nonzero(rows.columns[:, entry] == rows.columns[:, 0])

@@ -1,4 +1,4 @@
-"""Costates of extremal motions in closed form: the rows where no position limit is active.
+"""Costates of extremal motions in closed form, where no position limit is active.
 
 Over a segment in normalised time (`costates.py`), a few motions between given states are extremal,
 each with its mirror image:
@@ -10,8 +10,9 @@ each with its mirror image:
   deceleration at the end comes;
 - the highest acceleration at the end.
 
-At the exact switching times, a motion's costates give the row that a point violates most. Any
-switching times give a valid row; their errors weaken it by their squares only.
+At the exact switching times, a motion's costates give the inequality that a point violates most.
+Other switching times give a valid inequality too. An error of a switching time weakens it by the
+square of that error.
 """
 
 from __future__ import annotations
@@ -90,12 +91,12 @@ class PhaseEnds(NamedTuple):
 # limits of a segment that takes almost no time vanish in its units: NaN violates no row
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def violated(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
-    """Return each segment and joint's row that a point violates most.
+    """Return the most violated inequality of each segment and joint.
 
     Args:
-        relaxation: Whose limits count.
+        relaxation: Its limits are used.
         x: Its variables.
-        tolerance: Least violation of a row of cost 1; negative for rows that are nearly active.
+        tolerance: Least violation of an inequality of cost 1; negative for nearly active ones too.
     """
     largest = np.full(relaxation.h.shape, tolerance)
     best: dict[tuple[int, int], Cut] = {}
@@ -115,10 +116,10 @@ def violated(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
 
 
 def _violations(relaxation: Relaxation, x: Array, cells: Array) -> tuple[Array, Array]:
-    """Return by how much a point violates rows, over their costs, and these costs.
+    """Return the violations of inequalities at a point, over their costs, and these costs.
 
     Args:
-        relaxation: Whose limits count.
+        relaxation: Its limits are used.
         x: Its variables.
         cells: Costates of all segments and joints, and of their mirror images, `(2, segments,
             joints, cells, 7)`.
@@ -241,10 +242,11 @@ def _cell(
 
 
 def _displacement(point: NormalisedSegment) -> Array:
-    """`λ = 1`, `q = m − τ` but for the cruise, where it is 0, and `p' = −q` but for the holds.
+    """Return the costates of the longest displacement.
 
-    While jerk is at its limit downwards `p = (τ − r)(τ − s)/2` with the phase's ends as roots; so
-    `m` is their mean. Without a cruise both such phases are one.
+    `λ = 1`. `q = m − τ`, but 0 in the cruise. `p' = −q`, but 0 while acceleration is held. While
+    jerk is at its lower limit, from `r` to `s`, `p = (τ − r)(τ − s)/2`, so `m` is the mean of `r`
+    and `s`. Without a cruise the two such phases are one.
     """
     at = _instants(point)
     cruises = at.cruise > at.release
@@ -275,17 +277,17 @@ def _displacement(point: NormalisedSegment) -> Array:
 
 
 def _turning(start: Array, m: Array, p0: Array | float = 0.0) -> Array:
-    """`q = m − τ` and `p' = −q`, while jerk is at a limit."""
+    """Return a cell in which jerk is at a limit: `q = m − τ` and `p' = −q`."""
     return _cell(start, p0=p0, p1=start - m, p2=0.5, q0=m - start, q1=-1.0, slope=1.0)
 
 
 def _held(start: Array, m: Array) -> Array:
-    """`q = m − τ` and `p = 0`, while acceleration is at a limit."""
+    """Return a cell in which acceleration is at a limit: `q = m − τ` and `p = 0`."""
     return _cell(start, q0=m - start, q1=-1.0, slope=1.0)
 
 
 def _instants(point: NormalisedSegment) -> PhaseEnds:
-    """Return the switching times, with a cruise if the way without one exceeds the limit."""
+    """Return the switching times, with a cruise if the peak velocity would exceed its limit."""
 
     def is_early(instant: Array) -> Bools:
         _, _, velocity = _falling(point, instant)
@@ -316,7 +318,7 @@ def _with_cruise(point: NormalisedSegment) -> PhaseEnds:
 
 
 def _to_cruise(point: NormalisedSegment) -> Array:
-    """Return when a rise has full acceleration, leaves it, and is at the velocity limit."""
+    """Return when a rise reaches full acceleration, leaves it, and is at the velocity limit."""
 
     def is_low(instant: Array) -> Bools:
         return _height(point, instant) <= point.v_up
@@ -390,7 +392,10 @@ def _falling(point: NormalisedSegment, instant: Array) -> tuple[Array, Array, Ar
 
 
 def _end_velocity(point: NormalisedSegment) -> Array:
-    """`q = 1`, and `p` falls to 0, stays there while acceleration is held, and falls on."""
+    """Return the costates of the highest end velocity.
+
+    `q = 1`. `p` falls to 0, stays 0 while acceleration is held, and falls again.
+    """
     rise = (point.a_up - point.a0) / point.j_up
     fall = (point.a_up - point.a1) / point.j_down
     # without a hold a0 + J s = a1 + J' (1 − s)
@@ -410,20 +415,20 @@ def _end_velocity(point: NormalisedSegment) -> Array:
 
 
 def _velocity_after_start(point: NormalisedSegment) -> Array:
-    """`q = −1` until the acceleration at the start is taken back."""
+    """Return the costates of the velocity after the start: `q = −1` until acceleration is 0."""
     release = np.clip(point.a0 / point.j_down, 0.0, 1.0)
     phases = [_cell(np.zeros_like(release), p0=-release, p1=1.0, q0=-1.0), _cell(release)]
     return np.stack(phases, axis=-2)
 
 
 def _velocity_before_end(point: NormalisedSegment) -> Array:
-    """`q = 1` from where the deceleration at the end begins."""
+    """Return the costates of the velocity before the end: `q = 1` once deceleration begins."""
     braking = np.clip(-point.a1 / point.j_down, 0.0, 1.0)
     phases = [_cell(np.zeros_like(braking)), _cell(1 - braking, p1=-1.0, q0=1.0)]
     return np.stack(phases, axis=-2)
 
 
 def _end_acceleration(point: NormalisedSegment) -> Array:
-    """`p = 1`."""
+    """Return the costates of the highest end acceleration: `p = 1`."""
     whole = _cell(np.zeros_like(point.a0), p0=1.0)
     return whole[..., None, :]

@@ -33,8 +33,8 @@ class Incumbent(NamedTuple):
     Attributes:
         trajectory: Repaired and dilated.
         duration: Of it, s.
-        disagreement: By how much its planner's starts differ (`Solution.disagreement`).
-        dilated: Whether its planner left out a limit that it breaks.
+        disagreement: Difference of its planner's starts (`Solution.disagreement`).
+        dilated: Whether it was slowed down because its planner ignores a limit.
     """
 
     trajectory: Trajectory
@@ -47,8 +47,8 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
     """Return the best trajectory of the references, or one that stops at every waypoint.
 
     Args:
-        problem: All its limits count.
-        seconds: About the time available, which limits the number of starts.
+        problem: All its limits are kept.
+        seconds: Approximate time available; it limits the number of starts.
 
     Returns:
         None if no planner's answer keeps every limit.
@@ -83,7 +83,7 @@ def kept(problem: Problem, answer: Trajectory) -> Incumbent | None:
 
 
 def _two_sided(problem: Problem) -> Problem:
-    """Replace the infinite side of one-sided jerk limits by one that costs next to nothing."""
+    """Replace the infinite side of one-sided jerk limits by a very wide limit."""
     jerk = problem.limits.jerk
     limited = np.isfinite(jerk)
     sides_limited = limited.sum(axis=-1)

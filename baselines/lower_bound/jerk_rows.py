@@ -1,8 +1,8 @@
-"""Rows that jerk limits need beside those of costates (docs/mathematics.md, section 5b).
+"""Inequalities for jerk limits, beside those of costates (docs/mathematics.md, section 5b).
 
-A square tangent bounds `Q = T²` by `T` and `S = 1/T` together: where `S` is exact, so is `Q`. It
-depends on the longest time of the box. A ramp is the row of `p = 1` divided by `T`, in the
-accelerations that neighbouring segments share; it holds in every box.
+A square tangent bounds `Q = T²` from above by `T` and `S = 1/T`. At its point the bound is exact.
+It depends on the longest time of the box. A ramp is the inequality of the costate `p = 1` divided
+by `T`, in the accelerations that neighbouring segments share. It holds in every box.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from trajopt.core.arrays import Array
 
 
 class SquareTangent(NamedTuple):
-    """A square tangent of a segment, at a time."""
+    """A square tangent of a segment; `at` is the time at which it touches the curve."""
 
     segment: int
     at: float
@@ -34,12 +34,14 @@ class Ramp(NamedTuple):
 def square_rows(
     relaxation: Relaxation, given: Sequence[SquareTangent], box: VariableBounds
 ) -> BoundConstraints:
-    """`Q ≤ (h + 2t) T − (2 h t + t²) + h t² S` for `T ≤ h`, since `(h − T)(T − t)²/T ≥ 0`.
+    """Return the square tangents, `Q ≤ (h + 2t) T − (2 h t + t²) + h t² S` for `T ≤ h`.
+
+    They follow from `(h − T)(T − t)²/T ≥ 0`.
 
     Args:
-        relaxation: Whose variables count.
-        given: Where the rows touch the curve, at `t`.
-        box: Whose longest times `h` count.
+        relaxation: Its variables are used.
+        given: The tangents; `t` is the time at which one touches the curve.
+        box: Its longest times are the `h`.
     """
     rows = relaxation.blank(len(given))
     if not given:
@@ -60,7 +62,7 @@ def square_rows(
 
 
 def square_tangents(relaxation: Relaxation, x: Array, box: VariableBounds) -> list[SquareTangent]:
-    """Return each segment's square tangent that a point violates most, if it can violate one."""
+    """Return the square tangent that a point violates most, for each segment where there is one."""
     longest = box.high[relaxation.time]
     # (h S − 1) t² − 2 (h − T) t is least at the tangent's place
     curvature = longest * x[relaxation.inverse] - 1
@@ -74,7 +76,7 @@ def square_tangents(relaxation: Relaxation, x: Array, box: VariableBounds) -> li
 
 
 def ramp_row(relaxation: Relaxation, given: Ramp) -> BoundConstraints:
-    """`a₁ − a₀ ≤ J T` of the accelerations at the segment's ends; downwards `a₀ − a₁ ≤ J T`."""
+    """Return a ramp, `a₁ − a₀ ≤ J T` of the accelerations at the ends; downwards `a₀ − a₁`."""
     segment, joint, side = given
     sign = 1.0 if side else -1.0
     row = relaxation.blank(1)

@@ -17,23 +17,24 @@ from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
 
-if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing planners needs none
+if TYPE_CHECKING:  # the proofs are imported when they are used: listing planners does not need them
     from baselines.lower_bound.bound import Bound
 
-AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
+AGREEMENT_RTOL = 1e-6  # durations of starts that differ by less, relative, count as equal
 
 
 @dataclass(frozen=True)
 class Prove(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
 
-    Velocity, acceleration, jerk, position and falling velocity limits count. Other kinds are left
-    out, which keeps the bound valid; its message says so.
+    It uses velocity, acceleration, jerk, position and falling velocity limits. Other kinds are left
+    out, which keeps the bound valid; the message says so.
 
     - `within`: relative gap of upper and lower bound at which to stop;
-    - `time_limit`: s, after which the bounds reached are the answer; building the model counts;
+    - `time_limit`: s, including the time to build the model; then the bounds reached are the
+      answer;
     - `family`: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
-      times: then the bound stands in `stats` and is not the solution's `lower_bound`.
+      times. Then the bound is in `stats`, not in the solution's `lower_bound`.
     """
 
     within: float = 1e-4
@@ -54,7 +55,7 @@ class Prove(Planner):
                 raise InvalidInput(name, "a positive number", value=getattr(self, name))
 
     def unknown(self, problem: Problem) -> list[str]:
-        """Return the kinds of limits that do not count: for splines falling velocities too."""
+        """Return the kinds of limits that are left out; for splines also falling velocities."""
         left_out = super().unknown(problem)
         if self.family != "free" and problem.has(FallingVelocity.key):
             left_out.append(FallingVelocity.key)
@@ -78,8 +79,8 @@ class Prove(Planner):
         """Return the lower bound, and the fastest trajectory known if it keeps every limit.
 
         `stats`: `proof` (its status), `lower_bound` and `upper_bound`, s, and `proved_within`; the
-        last two are NaN if no trajectory is known. Then the arrays of `dual_check.BoundProof` or
-        `ratio_boxes.RatioProof`, so that no solver has to be believed.
+        last two are NaN if no trajectory is known. The arrays of `dual_check.BoundProof` or
+        `ratio_boxes.RatioProof` are there too, to check the proof without a solver.
         """
         bound = self.bound(problem)
         if bound.status == "infeasible":

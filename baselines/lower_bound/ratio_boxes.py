@@ -43,7 +43,7 @@ _MAX_INSTANTS = 2000
 _INSTANT_SOURCES_PER_ROUND = 4
 _BOXES_AT_ONCE = 2048
 _MAX_BOXES = 1_000_000
-# Smallest width of a box, as the logarithm of a ratio: in a smaller one rounding decides.
+# Smallest width of a box, in logarithms of ratios. In a smaller one rounding errors dominate.
 _MIN_LOG_WIDTH = 1e-10
 # The gap asked for is reached by steps of this factor, so that a time limit leaves a bound.
 _GAP_STEP = 10.0
@@ -80,9 +80,9 @@ class RatioProof:
 
 
 class ProvedSpline(NamedTuple):
-    """Segment times (s) of the best spline known, and the proof of how much shorter others can be.
+    """Segment times (s) of the best spline known, and the proof of a lower bound on all splines.
 
-    There is no proof where a segment is so short beside the others that rounding decides.
+    There is no proof where a segment is so short beside the others that rounding errors dominate.
     """
 
     times: Array
@@ -127,7 +127,7 @@ class SearchResult(NamedTuple):
 
 
 class _ImposedLimits(NamedTuple):
-    """Limits at instants: the monomials' sum is at most `t2^order`, or 0 for a position limit.
+    """Limits at some instants: a sum of monomials is at most `t2^order`, or 0 for a position.
 
     Attributes:
         coefficients: Coefficients of the monomials, divided by the limit, `(rows, 7)`.
@@ -267,7 +267,7 @@ class Ratios:
     ) -> tuple[Array | None, Array]:
         """Return a shorter spline's segment times among points, or more instants that exclude them.
 
-        Points that some row excludes already are left out.
+        Points that are already excluded are ignored.
         """
         points = points[(self._excess(rows, points) <= 0).all(axis=1)]
         if not len(points):
@@ -319,7 +319,7 @@ class Ratios:
         at least its value at the centre minus its largest slopes times half the widths.
         """
         at_centre = self._excess(rows, boxes.centre)
-        # a row that is negative at every centre proves none of these boxes
+        # a row that is negative at every centre excludes none of these boxes
         useful = (at_centre > 0).any(axis=0)
         orders = rows.orders[useful]
         coefficients = rows.coefficients[useful].T
@@ -349,7 +349,7 @@ class Ratios:
 
 
 def _shares(points: Array) -> Array:
-    """`t1/t2` and `t3/t2`, `(points, 2)`."""
+    """Return `t1/t2` and `t3/t2`, `(points, 2)`."""
     return np.exp(-points)
 
 
@@ -364,10 +364,10 @@ def _share_of_total(boxes: Boxes, side: int) -> tuple[Array, Array]:
 
 
 def proved_bound(problem: Problem, proof: RatioProof) -> float:
-    """The lower bound that a proof proves on all 3-5-3 splines of a problem with four waypoints, s.
+    """Return the lower bound, s, that a proof proves for all 3-5-3 splines of a problem.
 
     Raises:
-        InvalidInput: The proof proves nothing of this problem.
+        InvalidInput: The proof is not one of this problem, or the problem has not four waypoints.
     """
     cutoff = proof.cutoff
     instants = proof.instants
@@ -422,7 +422,7 @@ def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
 
 
 def _wider(limits: Array) -> Array:
-    """Return the larger of both sides' sizes, `(joints, 1)`."""
+    """Return the larger size of both sides of each limit, `(joints, 1)`."""
     return np.abs(limits).max(axis=1)[:, None]
 
 

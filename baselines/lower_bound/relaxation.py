@@ -1,12 +1,13 @@
-"""The relaxation behind the lower bound, every limit counted (docs/mathematics.md, section 5b).
+"""The relaxation behind the lower bound, with every limit (docs/mathematics.md, section 5b).
 
 A segment of duration `T` is described in normalised time, with velocity `v`, scaled acceleration
 `α = a T` and scaled jerk `j T²`. The inequalities of a segment are linear in `T`, `S = 1/T`,
 `Q = T²` and the states at its ends; `costates.py` computes them. Two relations are not linear: the
 curve `(T, 1/T, T²)` of each segment, and `α = a T` on both sides of a waypoint, whose acceleration
-`a` two segments share. Both are enclosed by rows on a box of segment times and accelerations.
+`a` two segments share. On a box of segment times and accelerations, linear inequalities enclose
+both.
 
-All values are in units that are powers of two, so scaling rounds nothing.
+All units are powers of two, so scaling is exact.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 
-# Outward rounding of quantities that take a few operations, relative.
+# Outward rounding, relative, of quantities that result from a few operations.
 ROUNDING_RTOL = 2.0**-48
 # Entries of a row of costates: T, S, Q of a segment and the states at its ends.
 ROW_ENTRIES = 7
@@ -65,27 +66,27 @@ class VariableBounds(NamedTuple):
 
 
 class Relaxation:
-    """A problem's variables, the box that they start in, and the rows that enclose its curves.
+    """A problem's variables, their first box, and the inequalities that enclose its curves.
 
-    A variable that a segment lacks (the motion rests at its ends) is the last one, always 0. In a
-    closed motion the last waypoint has a state, which is the first one's. A velocity or
-    acceleration at an end that is asked is a variable with one value.
+    The last variable is always 0. It stands for states at which the motion rests. In a closed
+    motion the last waypoint has a state, which is also the first one's. A velocity or acceleration
+    that is given at an end is a variable whose lower and upper bound are equal.
 
     Attributes:
-        cutoff: Only motions shorter than this are asked about, in `time_unit`.
-        h: Displacements, `(segments, joints)`; only joints that move count.
+        cutoff: Only motions shorter than this are bounded, in `time_unit`.
+        h: Displacements of the joints that move, `(segments, joints)`.
         v, a, j: Sizes of the limits, downwards and upwards, `(2, segments, joints)`. Velocities are
             those that accelerating and braking within the cut-off can reach.
-        least: Least times of the segments, `(segments,)`; given ones too.
+        least: Least times of the segments, `(segments,)`; given times are least times too.
         tolerance: Largest offsets of the waypoints that have a state, `(states, joints)`.
-        reduced: By how much a segment may be shorter for it, `(segments, joints)`.
-        given_times: Times of the segments that are given, else 0, likewise.
-        waits: Times at rest at the waypoints, s, `(waypoints,)`. No variable counts them: a motion
-            is as much longer.
+        reduced: Largest decrease of each displacement by these offsets, `(segments, joints)`.
+        given_times: Given times of the segments, 0 where there is none, `(segments,)`.
+        waits: Times at rest at the waypoints, s, `(waypoints,)`. They are not part of any variable;
+            they add to the bound.
         limited: Where a joint has a jerk limit, on one side at least, `(segments, joints)`.
-        jerky: Which joints have one anywhere.
+        jerky: Which joints have one in any segment.
         below, above: Position limits minus each segment's start, `(segments, joints)`. Where
-            velocity limits fall, no further than where no motion towards the end is allowed.
+            velocity limits fall, they end where no motion towards the end is allowed.
         falling: Velocity limits that fall towards the ends of a range.
         time, inverse, square: Variables `T`, `S`, `Q`, `(segments,)`.
         velocity, acceleration: Variables `v`, `a` of the waypoints that have a state,
@@ -94,8 +95,8 @@ class Relaxation:
         segment_before, segment_after: The segments on both sides of such a waypoint, `(states,)`.
         end_states: Velocities and accelerations at the motion's ends, `(2 orders, 2 ends, joints)`.
         velocity_at, acceleration_at, scaled_at: Variables `v`, `a`, `a T` at the start and the end
-            of each segment, `(2 ends, segments, joints)`. Where `a` is given, the last is `T`, to
-            be multiplied by `scaled_factors`, 1 elsewhere.
+            of each segment, `(2 ends, segments, joints)`. Where `a` is given, `scaled_at` is the
+            variable `T`, to be multiplied by `scaled_factors`; elsewhere these are 1.
     """
 
     def __init__(
@@ -124,8 +125,8 @@ class Relaxation:
         units = lengths / time_unit ** np.array([[1.0], [2.0]])
         ends = np.stack([route.start, route.end], axis=1)[..., moving]
         self.end_states = ends / units[:, None]
-        # from the velocity at the start to a peak and from it to the one at the end: each change of
-        # velocity takes its size over A1 or A2, and both together the cut-off at most
+        # A motion speeds up from its first velocity to a peak and brakes to its last one. A change
+        # of velocity takes at least its size over A1 or A2, and both together at most the cut-off.
         slowness = 1 / self.a.max(axis=1)
         gained = (np.abs(self.end_states[0]) * slowness.max(axis=0)).sum(axis=0)
         reached = (self.cutoff + gained) / slowness.sum(axis=0)
@@ -139,7 +140,7 @@ class Relaxation:
         starts = waypoints[:-1]
         self.below = (lowest - starts) / lengths
         self.above = (highest - starts) / lengths
-        # where a waypoint may be missed, its falling velocity is not counted
+        # a waypoint within a tolerance has no fixed falling velocity limit
         known = problem.without(FallingVelocity.key) if self.tolerant else problem
         self.falling = _falling(known, time_unit, lengths)
         self.above = np.fmin(self.above, self.falling.room[1])
@@ -155,7 +156,7 @@ class Relaxation:
 
         Args:
             problem: Without identical consecutive waypoints.
-            cutoff: Only motions shorter than this are asked about, s.
+            cutoff: Only motions shorter than this are bounded, s.
         """
         time_unit = float(powers_of_two(cutoff / problem.segments))
         known = problem.limits.in_all_segments(tightest=False)
@@ -270,14 +271,14 @@ class Relaxation:
         )
 
     def row_factors(self, segment: int, joint: int) -> Array:
-        """By what the variables of `row_columns` are multiplied, `(7,)`."""
+        """Return the factors on the variables of `row_columns`, `(7,)`."""
         factors = np.ones(self.row_entries)
         factors[5:7] = self.scaled_factors[:, segment, joint]
         return factors
 
     @cached_property
     def every_row_factors(self) -> Array:
-        """The same of all segments and joints, `(segments, joints, 7)`."""
+        """The factors on the variables of `every_row_columns`, `(segments, joints, 7)`."""
         return np.array(
             [
                 [self.row_factors(segment, joint) for joint in range(self.joints)]
@@ -351,19 +352,19 @@ class Relaxation:
         return VariableBounds(low, high)
 
     def _offset_sides(self) -> list[tuple[Indices, Indices]]:
-        """Offsets times `S` of the segments before and after, and these segments."""
+        """Return the variables offset times `S` before and after waypoints, and their segments."""
         if not self.tolerant:
             return []
         return [(self.offset_before, self.segment_before), (self.offset_after, self.segment_after)]
 
     def box_rows(self, box: VariableBounds) -> BoundConstraints:
-        """Return the rows of a box: the cut-off, then secants, then McCormick's rows."""
+        """Return the inequalities of a box: the cut-off, then secants, then McCormick's."""
         parts = (self._cutoff_row(), self._secants(box), self._mccormick(box))
         return joined(parts)
 
     @property
     def entries(self) -> int:
-        """Width of a row. Entries that it does not need multiply the variable that is 0."""
+        """Number of entries of a row. Unused ones belong to the variable that is always 0."""
         return max(self.row_entries, self.segments)
 
     def blank(self, count: int) -> BoundConstraints:
@@ -379,7 +380,7 @@ class Relaxation:
         return row
 
     def _secants(self, box: VariableBounds) -> BoundConstraints:
-        """`T + lo hi S ≤ lo + hi` and `Q ≤ (lo + hi) T − lo hi`."""
+        """Return the secants `T + lo hi S ≤ lo + hi` and `Q ≤ (lo + hi) T − lo hi`."""
         low = box.low[self.time]
         high = box.high[self.time]
         rows = self.blank(2 * self.segments)
@@ -396,9 +397,10 @@ class Relaxation:
         return rows
 
     def _mccormick(self, box: VariableBounds) -> BoundConstraints:
-        """`α` between the products' envelopes: with `x, t` a corner, `(a − x)(T − t)` has a sign.
+        """Return McCormick's envelopes of `α = a T`, and of offsets times `S`.
 
-        `α ≥ x T + t a − x t` at the corners low-low and high-high, `≤` at the two others.
+        At a corner `x, t` of the box, `(a − x)(T − t)` has a fixed sign. So `α ≥ x T + t a − x t`
+        at the corners low-low and high-high, and `≤` at the two others.
         """
         jerky = np.flatnonzero(self.jerky)
         accelerations = self.acceleration[:, jerky].ravel()
@@ -436,7 +438,7 @@ class Relaxation:
         return joined(parts)
 
     def tangent(self, segment: int, at: float) -> BoundConstraints:
-        """`S ≥ 2/t − T/t²`, that is `−T − t² S ≤ −2t`, wherever `t > 0`."""
+        """Return the tangent to `1/T` at `t > 0`: `S ≥ 2/t − T/t²`, or `−T − t² S ≤ −2t`."""
         row = self.blank(1)
         row.columns[0, 0] = self.time[segment]
         row.columns[0, 1] = self.inverse[segment]
@@ -449,14 +451,15 @@ class Relaxation:
 class FallingRows(NamedTuple):
     """Falling velocity limits of the joints that move, in a relaxation's units.
 
-    Sides are those of other limits: downwards, upwards. NaN, or False, for a joint without such a
-    limit.
+    Axes of two are the sides, downwards and upwards. Values are NaN, or False, for a joint without
+    such a limit.
 
     Attributes:
         offset, deceleration: `(joints,)`.
         distance: From the start of each segment to the end of the range, `(2, segments, joints)`.
-        room: From there to where no motion towards the end is allowed, 0 at least.
-        acts: Whether the motion stays where some velocity is allowed: it begins there.
+        room: From the start of each segment to where no motion towards the end is allowed, at
+            least 0, likewise.
+        acts: Whether the motion begins, and so stays, where some velocity is allowed.
         allowed: Highest velocity at each waypoint, `(2, waypoints, joints)`.
     """
 
@@ -511,7 +514,7 @@ def _check_units(time_unit: float, lengths: Array, joints: int) -> None:
 
 
 def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple[Array, Array]:
-    """Return the least and the largest of `a T`, rounded outward."""
+    """Return the least and the largest product of two intervals, rounded outward."""
     corners = np.stack([low * shortest, low * longest, high * shortest, high * longest])
     margin = ROUNDING_RTOL * np.abs(corners).max(axis=0)
     least = corners.min(axis=0)

@@ -1,12 +1,13 @@
-"""The relaxation's linear program over one box: the box's rows, and the rows found so far.
+"""The relaxation's linear program over one box: the box's inequalities, and those found so far.
 
-Rows found hold in every box, so the pool keeps each of them for the proof. The program itself keeps
-only the rows that were of use lately: rows that are violated again are found again.
+Inequalities that were found hold in every box, so the pool keeps each of them for the proof. The
+program itself keeps only those with a multiplier in one of the last programs. The others are found
+again if they are violated again.
 
 HiGHS's tolerances are absolute, and a segment of 1e-10 s beside one of 1 s has an inverse of 1e10.
-So every variable counts in the power of two next to the farthest value of its box, every row in
-that of its largest coefficient, and the objective likewise. The tolerances are then relative ones,
-and these units round nothing.
+So every variable is in units of the power of two next to the largest size in its box. Every row is
+in units of its largest coefficient, and so is the objective. The tolerances are then relative, and
+scaling by powers of two is exact.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing planners needs none
+import scipy  # its submodules are imported when they are used: listing planners does not need them
 
 from baselines.linear_programs import TOLERANCE, LinearOptimum, LinearProgram
 from baselines.lower_bound import dual_check
@@ -30,10 +31,10 @@ from baselines.lower_bound.relaxation import (
 )
 from trajopt.core.arrays import Array, Indices
 
-# Programs after which a row without a multiplier is dropped, and between two looks for such rows.
+# A row without a multiplier in this many programs is dropped; number of programs between checks.
 _MAX_IDLE_PROGRAMS = 40
 _PROGRAMS_PER_LOOK = 20
-# HiGHS takes a row for satisfied that is violated by less, in the row's unit.
+# HiGHS accepts a smaller violation of a row, in the row's unit.
 _VISIBLE_VIOLATION = 4 * TOLERANCE
 
 
@@ -45,12 +46,12 @@ class Tangent(NamedTuple):
 
 
 Source = Tangent | SquareTangent | Ramp | Cut
-# A proof counts its rows in this order.
+# Order of the inequalities in a proof.
 _KINDS: list[type] = [SquareTangent, Tangent, Ramp, Cut]
 
 
 class ProvedRows(NamedTuple):
-    """The rows that multipliers use, counted through box and pool, and the bound they prove."""
+    """The inequalities with multipliers, by index in box and pool, and the bound they prove."""
 
     rows: Indices
     multipliers: Array
@@ -66,9 +67,9 @@ class RowPool:
         found: The pool's rows, one by one.
         sources: What each of them was made from.
         present: The pool's rows in the program, in the program's order.
-        used_at: When each of the pool's rows last had a multiplier, counted in programs.
+        used_at: Number of the last program in which each of the pool's rows had a multiplier.
         units: Units of the variables, `(variables,)`.
-        row_units: What each row of the program was divided by.
+        row_units: Units of the program's rows.
     """
 
     def __init__(self, relaxation: Relaxation, box: VariableBounds) -> None:
@@ -103,14 +104,14 @@ class RowPool:
         )
 
     def _in_units(self, rows: BoundConstraints) -> tuple[BoundConstraints, Array]:
-        """Return rows in the program's units, and what each was divided by."""
+        """Return rows in the program's units, and the unit of each."""
         coefficients = rows.coefficients * self.units[rows.columns]
         row_units = powers_of_two(np.abs(coefficients).max(axis=1))
         coefficients /= row_units[:, None]
         return BoundConstraints(rows.columns, coefficients, rows.bounds / row_units), row_units
 
     def enter(self, box: VariableBounds) -> None:
-        """Ask about another box from now on."""
+        """Use another box from now on."""
         self.box = box
         self.box_rows = self.relaxation.box_rows(box)
         self._renew_squares()
@@ -168,7 +169,7 @@ class RowPool:
         self._add(sources, self._rows_of(sources))
 
     def add_violated(self, sources: Sequence[Source], x: Array) -> None:
-        """Add those rows of sources of one kind that a point violates visibly for HiGHS."""
+        """Add the rows of one kind that a point violates by more than HiGHS's tolerance."""
         rows = self._rows_of(sources)
         scaled, _ = self._in_units(rows)
         terms = scaled.coefficients * (x / self.units)[rows.columns]

@@ -1,25 +1,25 @@
-"""Rows that position and falling velocity limits need: one linear program per segment and joint.
+"""Inequalities of position and falling velocity limits: a linear program per segment and joint.
 
-Where no such limit is active, `extremal.py` gives the row that a point violates most in closed
-form. Where `λ` jumps, the row is searched for. A grid divides normalised time into cells, on which
-`q` and `p` are chained. The program maximises the row's violation while its own cost, the
-right-hand side of `costates.py`, is 1. It replaces `∫|p|` (without jerk limits `∫|q|`) by a sum
-over two Gauss points per cell. This sum only steers the search: `costates.py` computes the row
-exactly from the costates found.
+Where no such limit is active, `extremal.py` gives the inequality that a point violates most in
+closed form. Where one is active `λ` jumps, and the inequality is searched for. A grid divides
+normalised time into cells. The program maximises the violation while its own approximation of the
+cost, the right-hand side of `costates.py`, is 1. It replaces `∫|p|` (without jerk limits `∫|q|`) by
+a sum over two Gauss points per cell. This sum only guides the search: `costates.py` computes the
+inequality exactly from the costates found.
 
-A cell is halved if a costate changes its sign in it, if a costate begins or ends to be 0 beside it,
-or if a position limit is active at its ends. This goes on until the error of the grid is below the
-tolerance.
+A cell is halved if a costate changes its sign in it, if a costate is 0 in one of two neighbouring
+cells only, or if a position limit is active at its ends. This is repeated until the error of the
+grid is below the tolerance.
 
-A falling velocity limit takes part by tangents of its parabola, a few of all places and a few near
-the place found before. `costates.py` pays for the tangent between them. Where it is active `λ`
-grows; a cell in which it grows by more than a share is halved.
+A falling velocity limit is represented by tangents of its parabola: a few over the whole range, and
+a few near the last solution. `costates.py` then uses the best tangent. Where the limit is active
+`λ` grows. A cell in which it grows by more than a given share is halved.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing planners needs none
+import scipy  # its submodules are imported when they are used: listing planners does not need them
 
 from baselines.linear_programs import LinearProgram
 from baselines.lower_bound import costates
@@ -39,12 +39,12 @@ _GRID_ERROR = 2.0
 _ZERO_RTOL = 1e-9
 # A smaller integral of one sign counts as no change of sign, relative to the other sign's integral.
 _SIGN_CHANGE_RTOL = 1e-3
-# Tangents of a falling velocity limit: number of places from the offset to the highest velocity,
-# the least of them relative to the highest, and factors on the place found before.
+# Tangents of a falling velocity limit: number of points from the offset to the highest velocity,
+# the smallest point relative to the highest, and factors on the point of the last solution.
 _TANGENTS = 6
 _LEAST_PLACE = 0.03
 _NEAR_PLACES = (0.93, 1.0, 1.08)
-# A program whose tangents were made for another time of the segment is made anew, relative.
+# A program is built again if the segment's time differs by more than this, relative.
 _SAME_TIME_RTOL = 0.05
 # Least relative growth of `λ` in a cell for it to be halved, and relative to the tolerance's root.
 _MIN_GROWTH = 0.02
@@ -96,7 +96,7 @@ class Separation:
             claimed, cells = self._solved(point)
             slope = cells[:, costates.SLOPE]
             if not (slope[1:] != slope[:-1]).any() and not cells[:, costates.RATE].any():
-                # no such limit is active: `extremal` knows this row
+                # no such limit is active: `extremal` has this inequality in closed form
                 break
             coefficients, bound = costates.row(self.relaxation, self.segment, self.joint, cells)
             violation = float(coefficients @ point - bound)
@@ -111,7 +111,7 @@ class Separation:
         return None if best is None else _without_idle_borders(best)
 
     def _worth_halving(self, cells: Array, tolerance: float) -> Bools:
-        """Return which cells hold or touch an event that a finer grid would place better."""
+        """Return which cells contain or touch an event that a finer grid would locate better."""
         upwards, downwards = self._signed_integrals(cells)
         smaller = np.minimum(upwards, downwards)
         larger = np.maximum(upwards, downwards)
@@ -257,7 +257,7 @@ class Separation:
         return {f"fall_{number}": scale / place for number, place in enumerate(places)}
 
     def _turned(self) -> dict[str, Array]:
-        """Return by how much a tangent's part turns `q`: `λ` grows with it, by half on average."""
+        """Return the change of `q` by a tangent's part: `λ` grows with it, by half on average."""
         return {name: np.diag(1 - c * self.widths / 2) for name, c in self.tangents.items()}
 
     def _p_gained(self, s: Array) -> dict[str, Array]:
@@ -351,7 +351,8 @@ class Separation:
     def _cells(self, x: Array) -> Array:
         """Return the costates of a solution.
 
-        Where `p` is 0 at both Gauss points it is set to 0: in the program its swing is free there.
+        Where `p` is 0 at both Gauss points it is set to 0, since the program does not determine it
+        elsewhere in the cell.
         """
 
         def difference(name: str) -> Array:
@@ -381,7 +382,7 @@ class Separation:
         return np.column_stack([self.starts, *p, q0, q1, slope, rate])
 
     def _keep_places(self, rate: Array, mass: Array) -> None:
-        """Keep where the parabola was touched, for the tangents of the next program."""
+        """Keep the points where tangents touch the parabola, for the next program."""
         touched = rate * mass > 0
         if touched.any():
             scale = self.relaxation.falling.deceleration[self.joint] * self.time

@@ -1,14 +1,14 @@
-"""Other people's planners, one file each, run as their authors run them.
+"""Planners of other authors, one file each, run as their authors run them.
 
-All of them follow one rule: run the package with up to twelve settings, and return the answer of
-the shortest certified duration. The first setting is that of the package's own example, so
-`tries=1` is what its documentation shows. Each file lists its choices and their sources.
+Each runs its package with up to twelve settings, and returns the answer of the shortest certified
+duration. The first setting is that of the package's own example, so `tries=1` is what its
+documentation shows. Each file lists its choices and their sources.
 
 Each package is an extra (`pip install "mintime[rivals]"` for all). These planners run on request,
 and are judged as every other planner is.
 
 - `totg.py`: the fastest timing of a path;
-- `copp.py`: the same under jerk limits;
+- `copp.py`: the fastest timing of a path under jerk limits too;
 - `drake_kto.py`: the fastest B-spline;
 - `drake_gcs.py`: the fastest Bézier curves through boxes;
 - `minsnap.py`: splines of least snap.
@@ -35,9 +35,9 @@ Setting = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Rival(Planner):
-    """Someone else's planner: the best of its first `tries` settings.
+    """A planner of other authors: the best answer of its first `tries` settings.
 
-    - `tries`: number of its settings that are run. 1: the setting of its authors' own example.
+    - `tries`: number of settings that are run. 1: the setting of its authors' own example.
     """
 
     tries: int = TRIES

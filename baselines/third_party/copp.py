@@ -1,9 +1,10 @@
 """COPP: the fastest timing of a path under jerk limits too, from the package `copp-py`.
 
-Without jerk limits COPP's reachability analysis gives path speeds between which the path
-acceleration is constant: composed exactly. With them its second-order cone program gives path speed
-and acceleration at the gridpoints, from a jerk limit that is linearised around the previous answer.
-Between the gridpoints runs the quintic Hermite piece, as a controller would run it.
+Without jerk limits COPP's reachability analysis gives path speeds at gridpoints, with constant path
+acceleration in between; the motion is composed exactly. With jerk limits its second-order cone
+program gives path speed and acceleration at the gridpoints, from jerk limits that are linearised
+around the previous answer. Between the gridpoints the motion is a quintic Hermite piece, as a
+controller would interpolate it.
 
 Choices and their sources (repository TOPP-THU/copp):
 

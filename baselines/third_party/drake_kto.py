@@ -1,8 +1,9 @@
 """Drake's `KinematicTrajectoryOptimization`: the fastest B-spline, from the package `drake`.
 
-A B-spline on uniform knots whose control points and duration are free. It passes each waypoint at a
-share of its duration that the user has to choose: here in the proportions of a rule. Drake keeps
-the limits at the control points of the derivatives, hence everywhere. The B-spline is the answer.
+The control points and the duration of a B-spline on uniform knots are variables. The user has to
+choose at which share of the duration it passes each waypoint; here several rules are tried. Drake
+imposes the limits on the control points of the derivatives, so they hold at every instant. The
+B-spline is the answer.
 
 Choices and their sources (repositories RobotLocomotion/drake and RussTedrake/manipulation):
 
@@ -11,7 +12,7 @@ Choices and their sources (repositories RobotLocomotion/drake and RussTedrake/ma
   kinematic_trajectory_optimization.ipynb` has 10 for a motion from one pose to another. Then 5, 20;
 - the cost, its duration: the same notebook, without its path length, which is not judged here;
 - the initial guess, straight lines: the same, where it moves from bin to bin;
-- when it passes the waypoints: ours, since Drake's examples pass none on the way.
+- the times at which it passes the waypoints: ours, since Drake's examples have no waypoints.
 
     from baselines.third_party.drake_kto import DrakeKto
     solution = DrakeKto().solve(problem)

@@ -1,8 +1,8 @@
 """Minimum-snap splines, from the package `minsnap-trajectories` (Mellinger and Kumar 2011).
 
-The package returns the spline of one degree through the waypoints at given times that has the
-least snap (or jerk, or acceleration) squared. The spline is then dilated until the limits hold,
-which does not change the path. Its polynomials are the answer: nothing is sampled.
+The package returns the spline of one degree through the waypoints at given times with the least
+integral of squared snap (or jerk, or acceleration). The spline is then dilated until the limits
+hold, which does not change the path. Its polynomials are the answer: nothing is sampled.
 
 Choices and their sources:
 

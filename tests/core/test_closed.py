@@ -83,8 +83,8 @@ def test_it_is_judged_as_a_loop():
     ("waypoints", "demands", "message"),
     [
         (LOOP[:4], {}, "closed, last waypoint, joint 1 is 1.0: expected the first waypoint again"),
-        (LOOP, {"start_velocity": [1, 0]}, "closed is True: expected it without start_velocity"),
-        (LOOP, {"dwell": [0, 1, 0, 0, 0]}, "closed is True: expected it without dwell"),
+        (LOOP, {"start_velocity": [1, 0]}, "closed is True: expected no start_velocity"),
+        (LOOP, {"dwell": [0, 1, 0, 0, 0]}, "closed is True: expected no dwell"),
     ],
 )
 def test_one_line_says_what_is_wrong(waypoints, demands, message):

@@ -7,7 +7,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from test_swarm_experiments import crowd
+from test_swarm_experiments import crowd, outcome
 
 from experiments import arena
 from experiments.common import races
@@ -60,6 +60,32 @@ def test_the_table_by_hand():
     assert shown.loc["a", "group at 200"] == "1"
 
 
+def test_problems_together_count_all_their_runs():
+    on_first = crowd({"a": np.array([[1e-4] * 3]), "b": np.array([[np.nan] * 3])})
+    on_second = outcome({"a": {"p1": [[[100, 2.2]]]}, "b": {"p1": [[[100, 2.0002]]]}})
+    made = arena.table(arena.together([on_first, on_second]))
+    assert made["runs"].to_dict() == {"a": 4, "b": 4}
+    assert made["within 0.1 %"].to_dict() == {"a": 0.75, "b": 0.25}
+    assert made["failed"].to_dict() == {"a": 0, "b": 3}
+    assert made.loc["a", "median gap, p1"] == pytest.approx(0.1, rel=1e-4)
+    assert "median gap, p1 at 100" in arena.printed({100: made})
+
+
+def test_groups_of_several_problems_compare_runs_of_one():
+    """On the second problem, whose gaps are larger, `a` is better; on the first both are equal."""
+    gaps = np.array([spread(1e-3), spread(1.0)])
+    made = arena.table(crowd({"a": gaps, "b": gaps * [[1.0], [2.0]], "c": gaps * 1.3}))
+    assert made["group"].to_dict() == {"a": 1, "b": 2, "c": 2}
+
+
+def test_an_order_that_carries_over_correlates(tmp_path):
+    same = {name: np.array([[gap] * 2]) for name, gap in (("a", 1e-4), ("b", 1e-3), ("c", np.nan))}
+    turned = dict(zip("cba", same.values(), strict=True))
+    first = arena.table(crowd(same))
+    assert arena.carried(first, first, tmp_path / "same.svg") == pytest.approx(1.0)
+    assert arena.carried(first, arena.table(crowd(turned)), tmp_path / "a.svg") == pytest.approx(-1)
+
+
 def test_a_failure_reaches_no_target():
     made = arena.table(crowd({"a": np.array([[np.nan, np.nan]]), "b": np.array([[1e-4, 1e-4]])}))
     assert made.loc["a", "failed"] == 2
@@ -78,7 +104,9 @@ def test_every_optimiser_of_a_library_and_our_own_have_the_same_budget():
     limits = {planner.cpu_limit for name, planner in found.items() if "pymoo" in name}
     assert limits == {arena.CPU_LIMIT_S}
     one = arena.entrants(("pymoo:name=DE,population=10",), (), 500)
-    assert next(iter(one.values())).population == 10
+    assert one["pymoo DE,population=10"].population == 10
+    assert "pymoo DE" in arena.entrants(("pymoo:name=DE",), (), 500)
+    assert "pymoo DE" not in arena.entrants((), ("pymoo",), 500, without=("pymoo:name=DE",))
 
 
 def test_a_problem_with_limits_that_no_search_keeps_is_refused(tmp_path):

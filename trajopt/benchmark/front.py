@@ -17,6 +17,7 @@ import numpy as np
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
+from trajopt.core.demand import names
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
@@ -138,6 +139,7 @@ def front(
 
     Raises:
         InvalidInput: A duration is no positive number, or too short for any motion known.
+        TrajoptError: The problem has a demand, or limits of a kind, that the front does not know.
     """
     if measure not in ("jerk", "acceleration"):
         raise InvalidInput("measure", "'jerk' or 'acceleration'", value=measure)
@@ -150,12 +152,22 @@ def front(
         raise InvalidInput("durations", "at least one, s")
     given = catalogue.given(problem)
     smooth = _smooth(measure)
-    reason = smooth.unsupported(given)
+    reason = _unknown(smooth, given)
     if reason is not None:
         raise TrajoptError(f"{given.name} has no front here: {reason}")
     planner = cast(KnowsFront, smooth)
     asked = None if durations is None else sorted(map(float, durations))
     return Front(given, measure, tuple(planner.front(given, asked, time_limit)))
+
+
+def _unknown(smooth: Planner, problem: Problem) -> str | None:
+    """Return what the front does not know of a problem: it may leave nothing out."""
+    kinds = problem.limits.kinds
+    left_out = [names([key]) for key in problem.demands if key not in smooth.knows]
+    left_out += [f"{kinds[key].name()} limits" for key in smooth.unknown(problem)]
+    if left_out:
+        return f"it does not know {' and '.join(left_out)}"
+    return smooth.unsupported(problem)
 
 
 def _smooth(measure: Measure, **options: float) -> Planner:

@@ -98,5 +98,5 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> PlainTable:
 
 
 def _effect(own: Cells) -> str:
-    """The chance of a shorter run, with its interval."""
+    """Return the chance of a shorter run, with its interval."""
     return f"{own['chance']} [{own['interval']}]"

@@ -36,7 +36,7 @@ class RobotOptions:
         robot: Robot of the waypoints; see `trajopt list`.
         urdf: URDF of the waypoints' robot: joint names, positions, velocities.
         limits: MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them.
-        unit: Units where a header has none, like deg,mm,ms: of waypoints, else of the motion.
+        unit: Units of waypoints (or of a motion) without a header, such as deg,mm,ms.
     """
 
     robot: str | None = None
@@ -49,7 +49,7 @@ class RobotOptions:
 
     @property
     def said(self) -> dict[str, object]:
-        """The flags that were given, with their values."""
+        """Return the flags that were given, with their values."""
         flags = {
             "--robot": self.robot,
             "--urdf": self.urdf,
@@ -71,7 +71,7 @@ NO_FLAGS = RobotOptions()
 
 
 def file(name_or_path: str) -> Path | None:
-    """The file of a problem or of waypoints; None where code makes the problem of this name."""
+    """Return the file of a problem or of waypoints; None for a problem that code generates."""
     if _is_waypoints(name_or_path):
         return Path(name_or_path)
     return catalogue.find(name_or_path)
@@ -96,8 +96,8 @@ def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool =
     Args:
         name_or_path: A built-in name, a problem file, or a file of waypoints.
         robot: The flags.
-        scaled: Whether the scaling factors of a `joint_limits.yaml` count, as they do for MoveIt's
-            planners; then a line says so.
+        scaled: Whether to apply the scaling factors of a `joint_limits.yaml`, as MoveIt's planners
+            do; a line then says so.
 
     Raises:
         TrajoptError: The flags do not go with it, there is no problem or robot of this name, or a
@@ -127,7 +127,7 @@ def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool =
 
 
 def note_factors(own: RobotLimits, robot: RobotOptions) -> None:
-    """Say that scaling factors do not count where a motion is judged."""
+    """Note that scaling factors are ignored where a motion is judged."""
     if own.scaled() is not own:
         console.HELD.append(
             f"{robot.limits}: its default scaling factors (velocity {own.velocity_scaling:g}, "
@@ -137,7 +137,7 @@ def note_factors(own: RobotLimits, robot: RobotOptions) -> None:
 
 
 def note_acceleration(robot: RobotOptions, *, completed: Collection[str]) -> None:
-    """Say where --acceleration has no effect, as it completed the limits of no joint."""
+    """Note that --acceleration had no effect if every joint had an acceleration limit."""
     if robot.acceleration is not None and not completed:
         console.HELD.append(
             f"--acceleration {robot.acceleration:g} has no effect: every joint has an acceleration "
@@ -147,7 +147,7 @@ def note_acceleration(robot: RobotOptions, *, completed: Collection[str]) -> Non
 
 @contextmanager
 def reading_motion(path: Path) -> Iterator[None]:
-    """Read a motion beside waypoints: its errors then name its own flag of units."""
+    """Read a motion beside waypoints, with errors that name the motion's own flag of units."""
     try:
         with kinds.reading(path, "motion"):
             yield
@@ -156,7 +156,7 @@ def reading_motion(path: Path) -> Iterator[None]:
 
 
 def check_motion_unit(unit: str | None, motions: Sequence[Path], flag: str) -> None:
-    """Refuse units for motions of which none is a table: messages are in rad and m."""
+    """Refuse --motion-unit if no motion is a table: messages are always in rad and m."""
     if unit is not None and not any(path.suffix in TABLES for path in motions):
         names = ", ".join(path.name for path in motions) or "no motion"
         raise InvalidInput(flag, f"no such flag with {names}, which is in rad and m", value=unit)
@@ -170,10 +170,10 @@ def _check_unused(name: str, robot: RobotOptions) -> None:
 
 
 def robot_limits(name: str, robot: RobotOptions) -> RobotLimits:
-    """The limits of the robot, and of the file of limits over it.
+    """Return the limits of the robot, completed or replaced by those of --limits.
 
     Args:
-        name: What they are for, as an error names it.
+        name: The name of the problem or motion, for errors.
         robot: The flags.
 
     Raises:
@@ -202,10 +202,10 @@ def robot_limits(name: str, robot: RobotOptions) -> RobotLimits:
 
 
 def units(name_or_path: str, robot: RobotOptions) -> Sequence[str]:
-    """The units in which the waypoints of a file came in, one per joint; empty for a name."""
+    """Return the units of a file's waypoints, one per joint; empty for a built-in name."""
     path = Path(name_or_path)
     if _is_waypoints(name_or_path):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FileNote)  # they were said of the problem
+            warnings.simplefilter("ignore", FileNote)  # these notes were printed for the problem
             return waypoints.units(path, robot_limits(name_or_path, robot), robot.unit)
     return problem_file.units(path) if path.is_file() else ()

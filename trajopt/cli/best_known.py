@@ -34,10 +34,10 @@ app = cyclopts.App(
 ProblemNames = Annotated[
     str, Parameter(help="Problem files, or names of built-in problems; by default all.")
 ]
-# Characters: a terminal in which every name has a line, and what a name has in a narrower one.
+# Least width of a terminal in which every name has one line, and width of a name in a narrower one.
 _WIDE = 100
 _NAME_WIDTH = 20
-# Problems, beyond which only those are told that have something better.
+# With more problems than this, only those with a better answer are printed.
 _MANY = 12
 _NONE = ("nothing is recorded for its numbers",)
 
@@ -101,11 +101,11 @@ def propose(
 ) -> int:
     """Judge a motion, or stored trials; write the record where they are better.
 
-    No code runs but this package's. Exit code 0: something is better and written; 1: nothing is.
+    Only code of this package runs. Exit code 0: something is better and written; 1: nothing is.
 
     Args:
         source: Motion file, results folder, results.h5 or a trial's file.
-        problem: That a motion file is about: name or file.
+        problem: Problem of a motion file: name or file.
         method: How a motion was planned; by default its file's name.
         submitter: Who planned it.
     """
@@ -157,7 +157,7 @@ def _problem(name: str) -> Problem:
 
 
 def _row(problem: Problem, record: Record | None, where: Path) -> dict[str, Any]:
-    """For JSON: s; None for what is not recorded."""
+    """Return a row for JSON, s; None for values that are not recorded."""
     row: dict[str, Any] = {"problem": problem.name, "digest": problem.digest()}
     if record is None:
         return row | {"status": None}
@@ -241,10 +241,10 @@ def _of_motion(
     submitter: str,
     interpolation: InterpolationName,
 ) -> Candidate:
-    """Return the candidate that a motion's file holds.
+    """Return the candidate in a motion's file.
 
     Raises:
-        InvalidInput: It cannot be read, is none of a suite's problem, or does not solve it.
+        InvalidInput: It cannot be read, its problem is in no suite, or it does not solve it.
     """
     if problem is None:
         raise InvalidInput("PROBLEM", "the problem that the motion is about")
@@ -275,7 +275,7 @@ def _refuse_options_of_motions(problem: str | None, method: str | None, interpol
 
 
 def _outcome_row(outcome: RecordUpdate, file: Path | None) -> dict[str, Any]:
-    """For JSON: s; None for what does not exist."""
+    """Return a row for JSON, s; None for values that do not exist."""
     before = outcome.before
     after = outcome.after
     return {

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import inf
+from math import floor, inf
 
 import numpy as np
 
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial
-from trajopt.best_planner import Best
+from trajopt.best_planner import OPTIMUM_RTOL, Best
 from trajopt.core.limits import KINDS
 from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
-OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
-AGREEMENT_RTOL = 1e-6  # starts that end closer to each other agree
+AGREEMENT_RTOL = 1e-6  # durations of starts that differ by less, relative, count as equal
 ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
-FAR_PERCENT = 10.0  # percent of the duration; a bound farther below leaves room for much
+LOOSE_PERCENT = 1.0  # percent of the duration; a bound farther below is printed with fewer digits
+FAR_PERCENT = 10.0  # percent of the duration; a bound farther below is called far
 
 ADD_JERK_LIMITS = (
     "without them acceleration jumps. Add jerk limits (rad/s³) to the problem file, or max_jerk "
@@ -68,7 +68,7 @@ def _quality(found: Best, duration: float) -> str:
     proved_within = duration / found.proved - 1 if found.proved else np.inf
     if proved_within < OPTIMUM_RTOL:
         percent = 100 * proved_within
-        within = f" within {percent:.2g} %" if percent > ROUNDING_PERCENT else ""
+        within = f" within {percent:.1g} %" if percent > ROUNDING_PERCENT else ""
         return f"Its answer is the optimum, proved{within}."
     less = 100 * (1 - found.proved / duration)
     known = _known(found.trial, less)
@@ -82,14 +82,16 @@ def _quality(found: Best, duration: float) -> str:
         above = 100 * (duration / record.duration - 1)
         best = f"the best known, {record.motion}, {record.duration:.4f} s"
         known = f"It is {above:.2g} % above {best}"
+    digits = 4 if less < LOOSE_PERCENT else 3
+    proved = floor(found.proved * 10**digits) / 10**digits
     return (
-        f"{known}. Proved: every motion takes at least {found.proved:.4f} s, {less:.3g} % less "
+        f"{known}. Proved: every motion takes at least {proved:.{digits}f} s, {less:.3g} % less "
         "(`trajopt prove` proves more)."
     )
 
 
 def _known(trial: Trial, less: float) -> str:
-    """Describe what the planner's starts tell; the bound lies `less` percent below the answer."""
+    """Describe how well the starts agree; the bound is `less` percent below the answer."""
     solution = trial.solution
     apart = solution.disagreement
     if apart is None:

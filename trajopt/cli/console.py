@@ -25,7 +25,7 @@ from trajopt.benchmark.run.progress import Line, Progress
 
 
 class _Console(Console):
-    """A console whose reader may leave, as `head` does: the command goes on and ends as usual."""
+    """A console whose reader may close the pipe, as `head` does; the command ends as usual."""
 
     def on_broken_pipe(self) -> None:
         """Discard all further output."""
@@ -148,7 +148,7 @@ def line(text: object) -> None:
 
 
 def show_held(*error: str) -> None:
-    """Print the notes of readers; an error takes them along on its line."""
+    """Print the notes of readers that were held back; an error prints them on its own line."""
     lines = ["; ".join([*error, *HELD])] if error else HELD
     for text in lines:
         note(text)

@@ -1,4 +1,4 @@
-"""Print what a log tells about its limits, for `verify` and `judge`."""
+"""Print the verdict on a log and what it rests on, for `verify` and `judge`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _COLUMNS = ("at least", "motion uses", "raw spline", "digits alone", f"{_SHOWN} 
 
 
 def headline(found: Evidence) -> str:
-    """The verdict, with the digits and the rate that it rests on."""
+    """Return the verdict, with the digits and the sampling rate that it rests on."""
     verdict = str(found.verdict)
     if found.verdict == "cannot be told":
         return f"{verdict} from {_digits(found)}"
@@ -117,7 +117,7 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
 
 
 def _hidden(found: Evidence) -> str:
-    """Tell for how long an excess could have hidden."""
+    """Say over which times an excess is not excluded."""
     longest = max(found.limits, key=lambda name: found.limits[name].window)
     window, name = found.limits[longest].window, KINDS[longest].name()
     if window <= found.window:

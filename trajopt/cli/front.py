@@ -60,12 +60,12 @@ def front(
 ) -> int:
     """Say how smooth a motion of each duration can be, and how smooth the planners are.
 
-    A curve of the least ∫ jerk² within every limit, what is proved below it over all segment
-    times, and every planner as a point: how many times the least in its time, and the shortest
-    time with its smoothness.
+    A curve of the least ∫ jerk² within every limit, with a proved lower bound over all segment
+    times, and every planner as a point. For each planner: its ∫ jerk² relative to the least of the
+    same duration, and the shortest duration with the same ∫ jerk².
 
     Args:
-        measure: Whose square is integrated.
+        measure: The derivative whose square is integrated.
         planner: Planners to show, repeated; all by default (with --json: none).
         output: Folder for the planners' trials and the figure.
     """

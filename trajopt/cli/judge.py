@@ -52,7 +52,7 @@ def judge(
     motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
     via_tolerance: Annotated[
-        float, number("Rad by which any joint may miss a waypoint that counts as passed.", least=0)
+        float, number("How far each joint may miss a waypoint, rad (m).", least=0)
     ] = 0.0,
     noise: Noise = 0.0,
     window: Window = DEFAULT_WINDOW_S,
@@ -137,7 +137,7 @@ def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False
 
 
 def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
-    """Tell if it beats the best known motion, and name the command that records it."""
+    """Say if it is shorter than the best known motion, and name the command that records it."""
     record = records.find(found.problem)
     duration = found.certified_duration
     if record is None or duration is None or duration >= record.duration * (1 - BETTER_RTOL):
@@ -165,7 +165,7 @@ def _print(found: Judgement) -> None:
 
 
 def _verdict(found: Judgement) -> Iterator[str]:
-    """Tell how it was executed, what is wrong with it, and what mends it."""
+    """Say how the motion was executed, what is wrong with it, and what corrects it."""
     certificate = found.certificate
     kind = found.motion.interpolation
     if found.evidence is not None and found.evidence.motion is not None:
@@ -219,7 +219,7 @@ def _mended(certificate: Certificate) -> str:
 
 
 def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:
-    """Say what no slow-down mends, and what may be done."""
+    """Say what is wrong at any speed, and what may be done."""
     yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
     if 1 < certificate.dilation < np.inf:
         yield f"Besides, its limits need it {certificate.dilation:.6f} times as slow."

@@ -1,6 +1,6 @@
 """Name a file of the wrong kind for what it is: `robot.urdf is a URDF; expected …`.
 
-A file is looked at after its reader has refused it, so that no file is refused for its looks.
+A file's kind is guessed only after its reader has refused it: no file is refused by a guess.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from trajopt.core.out_of_scope import out_of_scope
 from trajopt.formats.csv_file import ABOVE
 from trajopt.formats.samples_csv import READABLE
 
-_LOOKED_AT = 1 << 16  # bytes from the beginning
+_LOOKED_AT = 1 << 16  # bytes from the beginning of a file that are examined
 
-# An expression that a file's beginning contains, and what that tells; the first one counts.
+# A pattern in the beginning of a file, and the kind of file that it shows; the first match counts.
 _SIGNS = {
     r"\A\s*\Z": "an empty file",
     r'\A\{\s*"schema": "trajopt-': "a trial's file",
@@ -107,7 +107,7 @@ _PLACES = {
         "its limits are in the URDF made of it, which goes behind --urdf"
     ),
 }
-# What to do with a file (second word) that stands where another is wanted (first word).
+# Advice for a file (second word) in the place of another kind (first word).
 _PLACES_WANTED = {
     ("waypoints", "a CSV of a motion"): (
         "remove the column of times to plan through its positions; `trajopt judge MOTION PROBLEM` "

@@ -64,9 +64,9 @@ def _one(name: str, *, as_json: bool) -> int:
 def described(entry: Entry) -> dict[str, Any]:
     """Describe a planner: its name, one line, options, limits, demands, and what is missing.
 
-    It keeps the limits that it `knows`, and the `demands` on the way beside the waypoints. It drops
-    those limits that it `ignores`: its answer is relaxed then. It does not solve problems with
-    limits that it `refuses`. It may break any other limit, which the verifier reports.
+    It keeps the limits that it `knows`, and the `demands` of the route. It leaves out limits that
+    it `ignores`; its answer is then relaxed. It does not solve problems with limits that it
+    `refuses`. It may break any other limit, which the verifier reports.
     """
     row: dict[str, Any] = {
         "name": entry.name,

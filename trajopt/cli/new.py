@@ -94,13 +94,13 @@ def new(
 
 
 def _demands() -> str:
-    """A commented line for each demand on the way beside the waypoints."""
+    """Return a commented line for each demand of a route."""
     lines = [f"# {own.example:<41} # {own.meaning}" for own in DEMANDS.values() if own.example]
     return "\n".join(["# The way may ask for more, in the units of waypoints and limits:", *lines])
 
 
 def _stated(problem: Problem, robot: RobotFlags, units: Sequence[str]) -> str:
-    """The text of a problem; a built-in arm has its name there."""
+    """Return the text of a problem file; limits of a built-in arm are given by its name."""
     if robot.limits is None and robot.robot is not None:
         return f'robot = "{robot.robot}"\n{problem_file.text(problem, units)}'
     return problem_file.text(problem, units)

@@ -85,14 +85,14 @@ MotionFile = Annotated[
 ]
 InterpolationName = Annotated[
     Interpolation,
-    Parameter(help="What joins the samples; auto: what a controller does with what they have."),
+    Parameter(help="How samples are joined; auto: as a controller would join them."),
 ]
 Noise = Annotated[
     float, number("Standard deviation of the noise of a log's positions, rad (m).", least=0)
 ]
 Window = Annotated[
     float,
-    number("A log counts as kept if an excess of 5 % over so many s would show.", above=0),
+    number("Time, s, over which `kept` excludes an excess of 5 %.", above=0),
 ]
 LogOut = Annotated[
     Path | None,

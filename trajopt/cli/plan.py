@@ -31,6 +31,7 @@ from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Executed, Points, Target, peak
 
 _CYCLE_S = 1e-3
+_PROOF_TIME_S = 1.0
 _MAX_ARGUMENT_BYTES = 131_072  # of one argument, in Linux
 
 Form = Literal["message", "goal"]
@@ -55,13 +56,13 @@ def plan(
         ),
     ] = None,
     rate: Annotated[
-        float | None, number("The same as cycles per second.", above=0, most=1e6, group=WRITING)
+        float | None, number("Control cycles per second.", above=0, most=1e6, group=WRITING)
     ] = None,
     points: Writing[Points | None] = None,
     form: Annotated[
         Form,
         Parameter(
-            name="--as", help="A message, or a FollowJointTrajectory goal of it.", group=WRITING
+            name="--as", help="A ROS message, or a FollowJointTrajectory goal.", group=WRITING
         ),
     ] = "message",
     json: Json = False,
@@ -75,7 +76,7 @@ def plan(
         planner: NAME or FILE.py:NAME, as `trajopt explain`; by default the best one.
         out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
         force: Overwrite the file of --out.
-        out_anyway: Write a motion that breaks a limit which no slow-down mends.
+        out_anyway: Write the motion even if it breaks a limit at any speed.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
@@ -86,7 +87,7 @@ def plan(
     found = None
     with console.waiting(f"planning {asked_for.name}"):
         if planner is None:
-            found = best(asked_for, seed)
+            found = best(asked_for, seed, _PROOF_TIME_S)
             trial = found.trial
         else:
             with closing(Supervised(planner, asked_for)) as chosen:
@@ -188,7 +189,7 @@ def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
     if path.exists() and not force:
         right = "a file that is not there yet, or --force to overwrite it"
         raise InvalidInput(key, right, value=str(path))
-    # folders on the way are made when the file is written
+    # missing parent folders are made when the file is written
     nearest = path if path.exists() else next(p for p in path.absolute().parents if p.exists())
     needed = os.W_OK if nearest == path else os.W_OK | os.X_OK
     if nearest.is_dir() == (nearest == path) or not os.access(nearest, needed):

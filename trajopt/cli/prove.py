@@ -23,11 +23,9 @@ def prove(
     *,
     robot: RobotFlags = NO_FLAGS,
     family: Literal["free", "spline353"] = "free",
-    within: Annotated[
-        float, number("Relative distance of the two bounds at which to stop.")
-    ] = 1e-4,
+    within: Annotated[float, number("Relative gap of both bounds at which to stop.")] = 1e-4,
     time_limit: Annotated[
-        float, number("Seconds; the bounds reached are the answer.", most=MAX_SECONDS)
+        float, number("Seconds; then the bounds so far are the answer.", most=MAX_SECONDS)
     ] = 60.0,
     json: Json = False,
 ) -> int:
@@ -56,7 +54,7 @@ def prove(
         "solve_time": time.perf_counter() - began,
     }
     if proof.status is Status.RELAXED and proof.trajectory is not None:
-        # the bound holds under the limits that it leaves out, the motion may break them
+        # the bound holds without the limits that it leaves out; the motion may break them
         upper = verify(loaded, proof.trajectory).certified_duration or nan
         table["upper_bound"] = upper
         table["proved_within"] = upper / proof.stats["lower_bound"] - 1
@@ -81,12 +79,12 @@ def _infeasible(name: str, file: Path | None, family: str, reason: str, *, as_js
 
 
 def _what(name: str, family: str) -> str:
-    """Say of which motions of a problem a bound is."""
+    """Return which motions of a problem the bound is about, in words."""
     return name if family == "free" else f"{name}, {family} splines alone"
 
 
 def _print(table: dict[str, Any], message: str) -> None:
-    """Print the bounds; the planner's message tells why they are apart."""
+    """Print the bounds; the planner's message gives the reason for a gap between them."""
     console.headline("", f"{_what(table['problem'], table['family'])}: ", table["status"])
     console.line(f"  lower bound {table['lower_bound']:.9f} s")
     if isfinite(table["proved_within"]):

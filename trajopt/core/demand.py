@@ -1,7 +1,8 @@
-"""What may be asked of the way beside its waypoints: each demand declared once, in `DEMANDS`.
+"""Demands of a route beside its waypoints, each declared once in `DEMANDS`.
 
-Problem files, Python, digests, stored texts, HDF5 and messages iterate over the declarations. A new
-demand is one more declaration; one that is written in a form of its own is a subclass that
+A demand is, for example, a velocity at the start, a least time of a segment, or a wait. Problem
+files, Python, digests, stored texts, HDF5 and messages iterate over the declarations. A new demand
+is one more declaration. A demand whose form in files is not a plain array is a subclass that
 overrides `read` and `table`.
 """
 
@@ -36,25 +37,27 @@ def _full(shape: tuple[int, ...], value: float) -> Array:
 
 @dataclass(frozen=True)
 class Demand:
-    """A kind of demand on the way. Its numbers are SI: rad (or m) and s.
+    """A kind of demand on a route. Its numbers are SI: rad (or m) and s.
 
     Attributes:
         key: Its name in problem files, Python, JSON and HDF5.
-        meaning: What it asks, for people.
-        axes: What its numbers are for: `()` is one number for all.
-        length: Power of length in its unit; a joint's own length where it is for joints.
+        meaning: What it demands, in words for messages and pages.
+        axes: Axes of its numbers; `()` for a single number.
+        length: Power of length in its unit: of rad or m, as each joint has it.
         time: Power of time in its unit.
-        default: The number that asks nothing.
+        default: The number that demands nothing.
         example: A line of a problem file, for the UR5e and four waypoints.
-        when_reversed: Its key where time runs backwards; its own by default.
-        moves: Whether a number that is not 0 moves a joint that would stay where it is.
-        dilatable: Whether a motion that keeps it, slowed down, keeps it too.
-        left_out: What a problem without it is: "restriction" where its motions keep the demand
-            anyway, "relaxation" where they may not, but the optimum is a lower bound. Empty: it
-            must not be left out.
-        separates: Whether a number that asks something keeps both waypoints of its segment apart,
-            also where they are the same.
-        splits: Whether it splits the way into parts from rest to rest, which every planner solves
+        when_reversed: Key of the demand that it becomes where time runs backwards; by default its
+            own.
+        moves: Whether a number other than 0 means that the joint moves, also between equal
+            waypoints.
+        dilatable: Whether every dilation of a motion that keeps it keeps it too.
+        left_out: How the problem without this demand is related to the problem. "restriction": all
+            its motions keep the demand. "relaxation": some do not, and its optimum is a lower
+            bound. Empty: neither, and planners must not leave it out.
+        separates: Whether a number other than the default keeps two equal waypoints from being
+            merged.
+        splits: Whether it splits the route into parts from rest to rest, which every planner solves
             one by one (`trajopt.core.dwell`).
     """
 
@@ -73,18 +76,18 @@ class Demand:
     splits: bool = False
 
     def shape(self, waypoints: int, joints: int) -> tuple[int, ...]:
-        """The shape of its numbers, on a way of so many waypoints and joints."""
+        """Return the shape of its numbers for a number of waypoints and joints."""
         sizes = {"waypoints": waypoints, "segments": waypoints - 1, "joints": joints}
         return tuple(sizes[axis] for axis in self.axes)
 
     def none(self, waypoints: int, joints: int) -> Array:
-        """Numbers that ask nothing."""
+        """Return the numbers that demand nothing."""
         return _full(self.shape(waypoints, joints), self.default)
 
     # --- read and written ---
 
     def read(self, value: Any, waypoints: int, joints: int) -> Array:
-        """The numbers that a person wrote in a problem file or in Python, `shape`.
+        """Return the numbers of a value in a problem file or in Python, in an array of `shape`.
 
         Raises:
             InvalidInput: Names the key, the joint, the value, and what would be right.
@@ -92,7 +95,7 @@ class Demand:
         return frozen(self._numbers(self.key, value, self.shape(waypoints, joints)))
 
     def table(self, numbers: Array) -> Any:
-        """What `read` reads, in the terms of TOML and JSON."""
+        """Return the numbers in the form that `read` takes, for TOML and JSON."""
         return numbers.tolist()
 
     def _numbers(self, key: str, value: Any, shape: tuple[int, ...]) -> Any:
@@ -121,37 +124,37 @@ class Demand:
         return is_number(item)
 
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
-        """Raise `InvalidInput` where these numbers do not fit the limits, or the other demands."""
+        """Raise `InvalidInput` where the numbers contradict the limits or other demands."""
 
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
-        """Raise `InvalidInput` where these numbers do not fit the waypoints.
+        """Raise `InvalidInput` where the numbers contradict the waypoints.
 
         Args:
             numbers: Its numbers.
             waypoints: `(waypoints, joints)`.
-            rounding: Of each joint's coordinates, `(joints,)`.
+            rounding: Rounding of each joint's coordinates, rad, `(joints,)`.
         """
 
     def under(self, numbers: Array, limits: Limits) -> Array:
-        """The numbers as fewer limits leave them: those that ask nothing then are the default."""
+        """Return the numbers under fewer limits; those without effect there become the default."""
         return numbers
 
-    # --- the same demand, otherwise ---
+    # --- changes of the route ---
 
     def unit_size(self, lengths: Array | float = 1.0, time: float = 1.0) -> Array:
-        """Its unit in SI, where times count in `time` and lengths in `lengths`, one or one each."""
+        """Return its unit in SI, from a unit of time, s, and of length, for all or each joint."""
         if not self.length:
             return np.asarray(time**self.time)
         return np.asarray(lengths, dtype=float) ** self.length * time**self.time
 
     def of_joints(self, numbers: Array, joints: Indices) -> Array:
-        """The numbers of some joints, by index."""
+        """Return the numbers of some joints, by index."""
         if "joints" not in self.axes:
             return numbers
         return np.take(numbers, joints, axis=self.axes.index("joints"))
 
     def at(self, numbers: Array, kept: Bools) -> Array:
-        """The numbers where only some waypoints are left; segments that become one are added."""
+        """Return the numbers for the waypoints that are kept; merged segments add theirs up."""
         if "waypoints" in self.axes:
             return np.compress(kept, numbers, axis=self.axes.index("waypoints"))
         if "segments" in self.axes:
@@ -160,7 +163,7 @@ class Demand:
         return numbers
 
     def part(self, numbers: Array, first: int, last: int) -> Array:
-        """The numbers of the way from one waypoint to another, by their numbers."""
+        """Return the numbers of the part between two waypoints, given by index."""
         for axis, own in enumerate(self.axes):
             if own != "joints":
                 stop = last + (own == "waypoints")
@@ -168,7 +171,7 @@ class Demand:
         return numbers
 
     def backwards(self, numbers: Array) -> Array:
-        """The numbers where time runs backwards: those of `when_reversed`."""
+        """Return the numbers of the demand `when_reversed`, where time runs backwards."""
         sign = -1.0 if self.length and self.time % 2 else 1.0
         along = (axis for axis, own in enumerate(self.axes) if own != "joints")
         return sign * np.flip(numbers, axis=tuple(along))
@@ -177,23 +180,23 @@ class Demand:
 
     @property
     def name(self) -> str:
-        """The demand in words."""
+        """Return the demand's name in words."""
         return self.key.replace("_", " ")
 
     def unit(self, length: str) -> str:
-        """Its unit, where that of length is "rad", "m" or both."""
+        """Return its unit in words; `length` is "rad", "m" or both."""
         if not self.length:
             return "s" if self.time else ""
         return length + _PER_TIME[self.time]
 
     def say(self, numbers: Array, length: str) -> str:
-        """The demand with its numbers, in words."""
+        """Return the demand with its numbers and unit, in words."""
         shown = ", ".join(f"{number:.6g}" for number in np.ravel(numbers))
         return " ".join(filter(None, [self.name, shown, self.unit(length)]))
 
 
 class _EndAcceleration(Demand):
-    """An acceleration at an end: of joints whose acceleration may not jump."""
+    """An acceleration at an end, for joints with a jerk limit: theirs may not jump."""
 
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         for joint in np.flatnonzero((numbers != 0) & ~limits.jerk_limited).tolist():
@@ -214,7 +217,7 @@ class _Times(Demand):
 
 
 class _GivenTimes(_Times):
-    """The time of each segment, all of them or none."""
+    """The exact time of each segment; no segment may be left out."""
 
     _right = "a time above 0, s"
 
@@ -222,11 +225,12 @@ class _GivenTimes(_Times):
         for segment in np.flatnonzero(numbers == 0).tolist():
             raise InvalidInput(f"{self.key}, segment {segment + 1}", self._right, value=0.0)
         if "least_times" in demands:
-            raise InvalidInput(self.key, "it without least_times", value=numbers.tolist())
+            right = "given_times or least_times, not both"
+            raise InvalidInput(self.key, right, value=numbers.tolist())
 
 
 class _Closed(Demand):
-    """Whether the motion ends as it begins: true or false."""
+    """Whether the motion ends in the state in which it begins: true or false."""
 
     _right = "true or false"
 
@@ -242,10 +246,10 @@ class _Closed(Demand):
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         others = [key for key in (*END_STATES, "dwell") if key in demands]
         if others:
-            wrong = "a motion that waits is a problem from rest to rest"
+            reason = "a motion that waits begins and ends at rest"
             if others[0] != "dwell":
-                wrong = "the states at both ends are free, and the same"
-            raise InvalidInput(self.key, f"it without {others[0]}: {wrong}", value=True)
+                reason = "a closed motion begins and ends in the same state, which is free"
+            raise InvalidInput(self.key, f"no {others[0]} beside it: {reason}", value=True)
 
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
         apart = np.abs(waypoints[-1] - waypoints[0]) > 2 * rounding
@@ -256,7 +260,10 @@ class _Closed(Demand):
 
 
 class _WaypointTolerance(Demand):
-    """How far inner waypoints may be missed: a number, a row per joint, or a row per waypoint."""
+    """How far inner waypoints may be missed.
+
+    In files: one number, one number per joint, or a row of these per waypoint.
+    """
 
     _right = "a distance of at least 0"
 
@@ -295,16 +302,16 @@ class _WaypointTolerance(Demand):
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
         away = np.abs(waypoints - waypoints[0]) - numbers
         if (away <= rounding).all():
-            right = "less than the way: within it the motion never moves"
+            right = "less than the displacements: within it no motion is needed"
             raise InvalidInput(self.key, right, value=float(numbers.max()))
 
     def at(self, numbers: Array, kept: Bools) -> Array:
-        """Waypoints that become one have the least tolerance of them."""
+        """Return the numbers for the waypoints that are kept: the least of those merged."""
         return np.minimum.reduceat(numbers, np.flatnonzero(kept))
 
 
 class _Dwell(_Times):
-    """Waits at waypoints. They split the way: no state is given where the motion waits."""
+    """Waits at waypoints. They split the route; no velocity is given where the motion waits."""
 
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
         at = sorted({0, len(numbers) - 1, *np.flatnonzero(numbers).tolist()})
@@ -322,7 +329,7 @@ class _Dwell(_Times):
                 raise InvalidInput(self.key, f"{right} {key}_velocity is given", value=float(own))
 
     def at(self, numbers: Array, kept: Bools) -> Array:
-        """Waits at waypoints that become one are added."""
+        """Return the waits at the waypoints that are kept; those of merged ones are added."""
         return np.add.reduceat(numbers, np.flatnonzero(kept))
 
 
@@ -426,6 +433,6 @@ END_STATES = (*END_VELOCITIES, "start_acceleration", "end_acceleration")
 
 
 def names(keys: Iterable[str]) -> str:
-    """Demands in words: "start velocity, end velocity and tolerance"."""
+    """Return demands in words, such as "start velocity, end velocity and tolerance"."""
     *others, last = (DEMANDS[key].name for key in keys)
     return " and ".join(filter(None, [", ".join(others), last]))

@@ -1,7 +1,7 @@
-"""A wait at a waypoint splits a problem at rest: its parts, and motions cut and joined there.
+"""Split problems and motions at the waypoints where the motion waits, and join them again.
 
-A motion rests at a waypoint from the time at which it passes it; at the last waypoint it rests
-until it ends.
+A wait begins at the time at which the motion passes its waypoint. A wait at the last waypoint lasts
+until the motion ends.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from trajopt.core.trajectory import Trajectory, nearest
 
 
 class Part(NamedTuple):
-    """A part of a motion, when it begins, s, and the number of the waypoint where it begins."""
+    """A part of a motion, the time at which it begins, s, and its first waypoint's index."""
 
     motion: Trajectory
     begins: float
@@ -43,7 +43,7 @@ def parts(problem: Problem) -> list[Problem]:
 
 
 def joined(problem: Problem, motions: Sequence[Trajectory]) -> Trajectory:
-    """Return the motion of the problem: those of its parts, and the waits."""
+    """Return the motion of the whole problem, made of the motions of its parts and the waits."""
     waits = problem.route.demand("dwell")
     rows = max(len(motion.coefficients) for motion in motions)
     lengths = []
@@ -55,7 +55,7 @@ def joined(problem: Problem, motions: Sequence[Trajectory]) -> Trajectory:
         own[rows - len(motion.coefficients) :] = motion.coefficients
         still = np.zeros((2, rows, 1, problem.joints))
         still[:, -1, 0] = problem.waypoints[[first, last]]
-        # the wait before it belongs to the part before it, but for the first one
+        # a wait between two parts is added with the part before it
         before = waits[[first]] if first == 0 else np.zeros(1)
         lengths += [before, motion.lengths, waits[[last]]]
         coefficients += [still[0], own, still[1]]
@@ -71,7 +71,7 @@ def joined(problem: Problem, motions: Sequence[Trajectory]) -> Trajectory:
 
 
 def cut(problem: Problem, motion: Trajectory) -> list[Part] | None:
-    """Return the parts of a motion between the waits; None where one has no time left."""
+    """Return the parts of a motion between the waits; None where a part takes no time."""
     waits = problem.route.demand("dwell")
     times = motion.waypoint_times
     found = []
@@ -88,7 +88,7 @@ def cut(problem: Problem, motion: Trajectory) -> list[Part] | None:
 
 
 def rests(problem: Problem, motion: Trajectory) -> list[Part]:
-    """Return the motion during each wait, where it should rest."""
+    """Return the part of the motion during each wait; it should rest there."""
     waits = problem.route.demand("dwell")
     begins = np.array(motion.waypoint_times)
     begins[-1] -= waits[-1]
@@ -101,7 +101,7 @@ def rests(problem: Problem, motion: Trajectory) -> list[Part]:
 
 
 def between(motion: Trajectory, begins: float, stops: float) -> Trajectory | None:
-    """Return a part of a motion from one time to another, s; None where that takes no time."""
+    """Return the part of a motion between two times, s; None where that takes no time."""
     refined = motion.refined([begins, stops])
     first, last = nearest(refined.breaks, np.array([begins, stops]))
     if last <= first:

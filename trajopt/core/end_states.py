@@ -1,9 +1,10 @@
-"""States in which no motion can begin or end: proved from the limits of one joint, in closed form.
+"""Prove in closed form that no motion can begin or end in a given state.
 
-At the start a velocity `v` and an acceleration `a` must be within their limits `V` and `A`. Under a
-jerk limit `J` an acceleration does not end at once, so `v + a²/(2 J)` must be within `V` too, with
-`J` of the side that ends it. And a joint that moves towards a position limit must be able to stop
-before it. At the end all this holds of the motion backwards in time.
+Each joint is tested alone. At the start its velocity `v` and acceleration `a` must be within their
+limits `V` and `A`. Under a jerk limit `J` an acceleration does not end at once, so `v + a²/(2 J)`
+must be within `V` too, where `J` is the limit on the side that ends the acceleration. A joint that
+moves towards a position limit must be able to stop before it. At the motion's end the same holds
+backwards in time.
 """
 
 from __future__ import annotations
@@ -14,20 +15,20 @@ import numpy as np
 
 from trajopt.core.problem import Problem
 
-# Rounding of a number that is at its limit, relative.
+# A smaller excess over a limit is rounding, relative.
 LIMIT_RTOL = 1e-12
 
 
 class _Joint(NamedTuple):
-    """One joint at the start, as if all its velocities were upwards, in rad (or m) and s.
+    """One joint's state at the start and its limits, mirrored so that it moves upwards, SI units.
 
     Attributes:
         velocity, acceleration: The state.
-        fastest, steepest, braking, easing: Limits: of velocity and acceleration upwards, of
-            acceleration and jerk downwards. `fastest` and `steepest` count at the start, the
-            others in all segments.
-        widest: The velocity limit in any segment.
-        room: Distance to the position limit upwards.
+        fastest, steepest: Upper limits of velocity and acceleration in the first segment.
+        braking, easing: Lower limits of acceleration and jerk, as positive numbers, the widest of
+            all segments.
+        widest: The widest upper velocity limit of all segments.
+        room: Distance to the upper position limit.
     """
 
     velocity: float
@@ -41,12 +42,12 @@ class _Joint(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """The least velocity to which its acceleration leads, where it ends as soon as it can."""
+        """Return the velocity when the acceleration ends, as early as the jerk limit allows."""
         return self.velocity + max(self.acceleration, 0.0) ** 2 / (2 * self.easing)
 
     @property
     def way(self) -> float:
-        """The way that it takes at least to stop; 0 where it does not move upwards."""
+        """Return the least distance in which the joint stops; 0 where it does not move upwards."""
         v, a, J = self.velocity, max(self.acceleration, -self.braking), self.easing
         if np.isinf(J):
             return max(v, 0.0) ** 2 / (2 * self.braking)
@@ -61,9 +62,10 @@ class _Joint(NamedTuple):
 
 
 def impossible(problem: Problem) -> str | None:
-    """Return why no motion begins or ends in the states that are asked; None if that is not known.
+    """Return a sentence if no motion can begin or end in the demanded states; else None.
 
-    A reason is a proof: it names the end, the joint, and what it would take.
+    The sentence states a proof: the end, the joint, and the limit that is exceeded. None does not
+    mean that a motion exists.
     """
     if problem.route.at_rest:
         return None
@@ -79,7 +81,7 @@ def impossible(problem: Problem) -> str | None:
 def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> str | None:
     state = problem.route.end if is_end else problem.route.start
     velocity, acceleration = (float(rate[number]) for rate in state)
-    # backwards in time the velocity changes its sign, and so does what is upwards
+    # backwards in time velocity changes its sign, acceleration does not
     sign = 1.0 if upwards else -1.0
     time = -1.0 if is_end else 1.0
     own = _joint(problem, number, sign, time, is_end=is_end)
@@ -111,7 +113,7 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
 
 
 def _joint(problem: Problem, number: int, sign: float, time: float, *, is_end: bool) -> _Joint:
-    """A joint at an end, turned so that time runs from there and the side of `sign` is upwards."""
+    """Return a joint at an end, mirrored: time runs away from the end, `sign` is upwards."""
     state = problem.route.end if is_end else problem.route.start
     place = -1 if is_end else 0
     whole = problem.limits

@@ -1,4 +1,4 @@
-"""What is in scope; and keys and options of other tools, each with what comes nearest here."""
+"""What is in scope, and the keys and options of other tools, each with what comes nearest here."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import re
 
 SCOPE = (
     "In scope: waypoints in a fixed order, passed exactly or within a tolerance, from rest to rest "
-    "or between states that are asked, with waits, least or given times, in loops, on any path "
+    "or between given states, with waits, least or given times, in loops, on any path "
     "between them; limits of velocity, acceleration, jerk and position per joint; motions as a "
     "controller executes them. Not in scope: obstacles, torques, tool speed, orientation."
 )
-# An expression of words (`max_torque`, `tcp_speed`), and the sentence for whoever writes one.
+# A pattern of names (`max_torque`, `tcp_speed`), and the sentence that answers such a name.
 _SPEED = (
     "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
     "nearest are lower limits, or the scaling factors of a joint_limits.yaml"
@@ -91,7 +91,7 @@ _ELSEWHERE = {
         "`trajopt judge --via-tolerance`, for a motion that passes near"
     ),
 }
-# Options that have another name here; keys of a file may have these names.
+# Options that have another name here. Keys of a file with such a name are valid.
 _OPTIONS = {
     r"dt|(time_?|sampl\w*_)?(step|period)|control_cycle": (
         "the nearest is `trajopt plan --cycle` (s), or --rate (cycles per second)"

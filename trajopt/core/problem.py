@@ -67,17 +67,7 @@ class Problem:
                 known = f"{fields}, {', '.join(DEMANDS)}"
                 raise WrongType(f"Problem takes no {key}: {out_of_scope(key) or f'it has {known}'}")
         route = Route(waypoints, {**demands, **by_key})
-        self.__dict__.update(
-            {key: route.demand(key) for key in DEMANDS},
-            route=route,
-            waypoints=route.waypoints,
-            limits=limits,
-            name=name,
-            source=source,
-            joint_names=tuple(joint_names),
-            joint_units=tuple(joint_units),
-            demands=route.demands,
-        )
+        self._hold(route, limits, name, source, tuple(joint_names), tuple(joint_units))
         if limits.joints != self.joints:
             expected = f"{self.joints} values, one per joint of the waypoints"
             raise InvalidInput("limits.velocity", expected, value=limits.joints)
@@ -91,6 +81,28 @@ class Problem:
             DEMANDS[key].check(numbers, route.demands, limits)
         if self.joint_names:
             check_joint_names(self.joint_names, self.joints)
+
+    def _hold(
+        self,
+        route: Route,
+        limits: Limits,
+        name: str,
+        source: str,
+        joint_names: tuple[str, ...],
+        joint_units: tuple[str, ...],
+    ) -> None:
+        """Set every attribute, without a check."""
+        self.__dict__.update(
+            {key: route.demand(key) for key in DEMANDS},
+            route=route,
+            waypoints=route.waypoints,
+            limits=limits,
+            name=name,
+            source=source,
+            joint_names=joint_names,
+            joint_units=joint_units,
+            demands=route.demands,
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Problem):
@@ -194,18 +206,17 @@ class Problem:
             InvalidInput: None of these joints moves.
         """
         kept = np.arange(self.joints)[np.asarray(joints)]
-        own = {"joint_names": self.joint_names, "joint_units": self.joint_units}
-        described: dict[str, Any] = {}
-        for name, values in own.items():
-            described[name] = [values[joint] for joint in kept if values]
-        route = self.route.only(kept)
-        return replace(
-            self,
-            waypoints=route.waypoints,
-            limits=self.limits.only(kept),
-            demands=route.demands,
-            **described,
+        names, units = (
+            tuple(own[joint] for joint in kept.tolist()) if own else own
+            for own in (self.joint_names, self.joint_units)
         )
+        if names:
+            check_joint_names(names, len(kept))
+        # what is right for all joints is right for some, but that they move: the route asks that
+        part = object.__new__(type(self))
+        limits = self.limits.only(kept)
+        part._hold(self.route.only(kept), limits, self.name, self.source, names, units)
+        return part
 
     def has(self, key: str) -> bool:
         """Return whether a limit of this kind bounds any joint."""
@@ -274,11 +285,6 @@ def check_problem(value: object) -> Problem:
         f"expected a trajopt.Problem, got {shown(value)}: make one with "
         "Problem(waypoints, Limits(velocity, acceleration)) or Problem.from_toml(file)"
     )
-
-
-def _arriving(kept: Bools) -> Indices:
-    """The segments that end at these waypoints, but for the first one."""
-    return np.flatnonzero(kept)[1:] - 1
 
 
 def _check_joint_units(units: Sequence[str], joints: int) -> None:

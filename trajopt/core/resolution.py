@@ -1,10 +1,10 @@
-"""The waypoints that may be missed by their rounding (docs/mathematics.md, section 7).
+"""Waypoints that a motion may miss by their rounding (docs/mathematics.md, section 7).
 
-A waypoint between brief steps is passed at speed. To move it by its rounding (`Problem.rounding`)
-can then take more acceleration and jerk than limits allow, so the minimum time of the waypoints as
-written depends on digits that no file holds. Hence the definition: an inner waypoint between brief
-steps, passed in line, is passed if the motion misses it by no more than its rounding. All other
-waypoints are exact.
+A motion passes a waypoint between two brief steps at speed. A shift of this waypoint by its
+rounding (`Problem.rounding`) can then need more acceleration and jerk than the limits allow. So the
+minimum time would depend on digits that no file holds. Therefore an inner waypoint between two
+brief steps in one line counts as passed if the motion misses it by no more than its rounding. All
+other waypoints are exact.
 
     from trajopt.core.resolution import thinned
     relaxation = thinned(problem)
@@ -18,24 +18,24 @@ from trajopt.core.arrays import Array, Bools
 from trajopt.core.demand import DEMANDS
 from trajopt.core.problem import Problem
 
-# Where a joint covers `D` in its largest step in `T`, a step of `h` takes about `h T / D`. To
-# move its end by the rounding `ρ` takes about `60 ρ (D / h)³ / D` of the jerk that covers `D` in
-# `T`. A step is brief where this is more than the share below.
+# A joint covers its largest step `D` in the time `T`, so a step of `h` takes about `h T / D`. To
+# move the end of this step by the rounding `ρ` takes about `60 ρ (D / h)³ / D` of the jerk that
+# covers `D` in `T`. A step is brief where this share exceeds `BRIEF_USE`.
 BLEND_JERK = 60.0
 BRIEF_USE = 1e-5
-# A waypoint is passed in line where the directions of its two steps differ by no more. A step
-# counts in the joints' largest displacements, its direction in its own largest one of these.
+# Largest difference between the directions of two steps in one line. A step is measured in units of
+# each joint's largest displacement, and its direction is the step over its largest component.
 IN_LINE = 1e-2
-# A joint that hardly moves counts in this share of the largest displacement of all, at least.
+# Least unit of a joint, as a share of the largest displacement of all joints.
 LEAST_SHARE = 1e-3
 
 
 def spared(problem: Problem) -> Bools:
-    """Return the waypoints that may be missed by their rounding, `(waypoints,)`.
+    """Return which waypoints may be missed by their rounding, `(waypoints,)`.
 
-    They lie between two brief steps, and are passed in line. The answer is one of the waypoints
-    alone; no limit counts, but where limits change at a waypoint, it is exact. So is every one
-    where more is asked at waypoints or in segments.
+    They lie between two brief steps in one line. This depends on the waypoints only, not on the
+    limits. But a waypoint at which limits change is exact. So are all waypoints if the route has
+    demands at waypoints or in segments.
 
     Args:
         problem: without consecutive identical waypoints (`Problem.merged`).
@@ -69,9 +69,9 @@ def thinned(problem: Problem) -> Problem:
 
 
 def _in_line(steps: Array, rounding: Array) -> Bools:
-    """Whether the direction turns by `IN_LINE` at most from step to step, `(segments - 1,)`.
+    """Return where the direction turns by at most `IN_LINE`, `(segments - 1,)`.
 
-    A turn that the rounding of the waypoints explains does not count.
+    The part of a turn that the rounding of the waypoints explains is not counted.
     """
     sizes = np.abs(steps).max(axis=1, keepdims=True)
     sizes = np.maximum(sizes, np.finfo(float).tiny)

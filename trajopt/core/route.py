@@ -1,4 +1,4 @@
-"""The route: what is asked of the way, whatever the limits are."""
+"""The route of a problem: its waypoints and the demands beside them, without limits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.tables import frozen, waypoint_table
 
-# A coordinate is known to some units in its last place.
+# Rounding of a coordinate, relative: some units in its last place.
 COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
@@ -35,11 +35,11 @@ class Route:
     """Waypoints to pass exactly and in order, all joints at the same time, and further demands.
 
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. Consecutive identical
-    waypoints are one waypoint, passed once; waypoints that differ by no more than rounding are
+    waypoints are one waypoint, passed once. Waypoints that differ by no more than rounding are
     identical.
 
-    `demands` has what else is asked, by its key (`trajopt.core.demand.DEMANDS`), in rad (or m) and
-    s. What asks nothing is left out: without demands, a motion begins and ends at rest.
+    `demands` are by key (`trajopt.core.demand.DEMANDS`), in rad (or m) and s. Demands that ask
+    nothing are left out. Without demands, a motion begins and ends at rest.
 
     Raises `InvalidInput` where the waypoints are not finite, or do not move, and where a demand has
     numbers of another shape.
@@ -76,45 +76,45 @@ class Route:
         return len(self.waypoints) - 1
 
     def demand(self, key: str) -> Array:
-        """The numbers of a demand, those that ask nothing where it is not made."""
+        """Return the numbers of a demand; its default where the route has no such demand."""
         if key in self.demands:
             return self.demands[key]
         return DEMANDS[key].none(*self.waypoints.shape)
 
     @property
     def start(self) -> State:
-        """The state in which the motion begins."""
+        """Return the state in which the motion begins."""
         return State(self.demand("start_velocity"), self.demand("start_acceleration"))
 
     @property
     def end(self) -> State:
-        """The state in which the motion ends."""
+        """Return the state in which the motion ends."""
         return State(self.demand("end_velocity"), self.demand("end_acceleration"))
 
     def ends(self, joint: int, orders: int = 2) -> Array:
-        """A joint's velocity (and acceleration) at the start and at the end, `(2, orders)`."""
+        """Return a joint's velocity (and acceleration) at the start and the end, `(2, orders)`."""
         return np.array(
             [[rate[joint] for rate in state[:orders]] for state in (self.start, self.end)]
         )
 
     @property
     def at_rest(self) -> bool:
-        """Whether the motion begins and ends at rest."""
+        """Return whether the motion begins and ends at rest."""
         return not any(DEMANDS[key].moves for key in self.demands)
 
     @property
     def dilatable(self) -> bool:
-        """Whether a motion along it, slowed down, is one too."""
+        """Return whether a dilation of a motion keeps all demands."""
         return all(DEMANDS[key].dilatable for key in self.demands)
 
     @property
     def displacements(self) -> Array:
-        """`h_k = q_k − q_{k−1}`, `(segments, joints)`, rad."""
+        """Return the displacements `h_k = q_k − q_{k−1}`, rad, `(segments, joints)`."""
         return np.diff(self.waypoints, axis=0)
 
     @property
     def moving(self) -> Bools:
-        """Which joints move at all, `(joints,)`."""
+        """Return which joints move, `(joints,)`."""
         found = np.any(self.displacements, axis=0)
         for key, numbers in self.demands.items():
             if DEMANDS[key].moves:
@@ -135,9 +135,9 @@ class Route:
         return COORDINATE_RTOL * largest
 
     def merged(self) -> tuple[Route, Indices]:
-        """This route with consecutive identical waypoints merged, and where each one went.
+        """Return the route with consecutive identical waypoints merged, and their new indices.
 
-        Those that a demand keeps apart, a least time between them say, stay.
+        Waypoints that a demand separates stay, for example with a least time between them.
         """
         differs = self._differing
         for key, numbers in self.demands.items():
@@ -147,12 +147,12 @@ class Route:
         return self if differs.all() else self.at(differs), index
 
     def at(self, kept: Bools) -> Route:
-        """The route through some of its waypoints, `(waypoints,)`."""
+        """Return the route through the waypoints of a mask, `(waypoints,)`."""
         own = {key: DEMANDS[key].at(values, kept) for key, values in self.demands.items()}
         return Route(self.waypoints[kept], own)
 
     def part(self, first: int, last: int) -> Route:
-        """The route from one waypoint to another, by their numbers, at rest where it is cut."""
+        """Return the part between two waypoints, by index; it is at rest where it is cut."""
         own = {}
         for key, values in self.demands.items():
             cut_off = first if key.startswith("start_") else len(self.waypoints) - 1 - last
@@ -162,14 +162,14 @@ class Route:
         return Route(self.waypoints[first : last + 1], own)
 
     def only(self, joints: Indices) -> Route:
-        """The route of some joints, by index."""
+        """Return the route of some joints, by index."""
         own = {key: DEMANDS[key].of_joints(values, joints) for key, values in self.demands.items()}
         return Route(self.waypoints[:, joints], own)
 
     def in_units(self, time: float, lengths: Array | float) -> Route:
-        """The route where times count in `time`, s, and positions in `lengths`, rad.
+        """Return the route with times in units of `time`, s, and positions in `lengths`, rad.
 
-        `lengths` is one for all joints, or one per joint, `(joints,)`.
+        `lengths` is one number for all joints, or `(joints,)`.
         """
         own = {
             key: values / DEMANDS[key].unit_size(lengths, time)
@@ -178,7 +178,7 @@ class Route:
         return Route(self.waypoints / lengths, own)
 
     def reversed(self) -> Route:
-        """The route of the same motions where time runs backwards."""
+        """Return the route of the same motions backwards in time."""
         own = {}
         for key, values in self.demands.items():
             demand = DEMANDS[key]
@@ -187,7 +187,7 @@ class Route:
 
     @cached_property
     def _differing(self) -> Bools:
-        """Which waypoints differ by more than rounding from the last one that did."""
+        """Which waypoints are no repetition of the one before, up to rounding, `(waypoints,)`."""
         steps = np.abs(np.diff(self.waypoints, axis=0))
         differs = np.ones(len(self.waypoints), dtype=bool)
         if (steps > self.rounding).any(axis=1).all():

@@ -27,16 +27,16 @@ _SAVING_RTOL = 1e-6
 
 @dataclass(frozen=True)
 class ActiveLimit:
-    """An interval of time in which a joint is within 1 % of a limit (of position: of its range).
+    """An interval of time in which a joint is within 1 % of a limit, for a position of its range.
 
     Attributes:
         joint: From 0; None where the limit is not one joint's.
         limit: The kind of limit, by its key.
         start, end: s. Interruptions shorter than 1 % of the duration are left out.
-        saving: The time saved, s, when that limit of that joint is 1 % wider (a position limit: by
+        saving: The time saved, s, if that limit of that joint is 1 % wider (a position limit: by
             1 % of the range). It is the same in every interval of one limit. None where the relaxed
             problem has no answer.
-        segment: From 0, whose own limit it is; None where it is the same in all.
+        segment: Index of the segment with this limit; None where all segments have the same.
     """
 
     joint: int | None
@@ -48,7 +48,7 @@ class ActiveLimit:
 
 
 class Stretch(NamedTuple):
-    """The joint (from 0) or None, the limit, and the interval in which it is active, s."""
+    """An interval in which a limit is active: joint (from 0) or None, limit, start and end, s."""
 
     joint: int | None
     limit: str
@@ -87,10 +87,10 @@ def _largest_saving_first(row: ActiveLimit) -> tuple[float, int, float]:
 
 
 def scattered(rows: tuple[ActiveLimit, ...], duration: float) -> bool:
-    """Return whether no optimum can have these savings: a solver's scatter is among them.
+    """Return whether the savings contradict each other, so that they are a solver's scatter.
 
-    Wider limits cannot cost time; and as limits of degree `n` times `c ** n`, all of them, divide
-    an optimum by `c`, one of them alone cannot save more.
+    A wider limit cannot cost time. If all limits of degree `n` are multiplied by `c ** n`, an
+    optimum is divided by `c`, so a single limit cannot save more than that.
     """
     slack = _SAVING_RTOL * duration
     for row in rows:
@@ -103,7 +103,7 @@ def scattered(rows: tuple[ActiveLimit, ...], duration: float) -> bool:
 
 
 def _highest_saving(limit: str) -> float:
-    """The share of an optimum's duration that one relaxed limit can save (section 6)."""
+    """Return the largest share of the duration that one relaxed limit can save (section 6)."""
     degree = KINDS[limit].degree
     if degree is None:
         return 1.0
@@ -149,14 +149,14 @@ def stretches(
 
 
 def _number(place: int | None) -> int:
-    """A joint or segment as a number to sort by: None comes first."""
+    """Return a joint or segment as a number to sort by; None comes first."""
     return -1 if place is None else place
 
 
 def _segment(
     problem: Problem, trajectory: Trajectory, limit: str, start: float, end: float
 ) -> int | None:
-    """The segment, from 0, whose own limit is active then; None where all have the same."""
+    """Return the segment (from 0) whose limit is active; None where all segments have the same."""
     if problem.limits.kinds[limit].segments is None:
         return None
     return int(trajectory.segments_at((start + end) / 2))
@@ -171,7 +171,7 @@ def relaxed(
 ) -> Problem:
     """Return the problem with one limit of one joint wider by a fraction (of a position range).
 
-    In one segment alone, from 0, where segments differ.
+    `segment` (from 0) widens it in one segment only, where segments differ.
     """
     wider = problem.limits.widened(limit, joint, by, segment)
     return replace(problem, limits=wider)

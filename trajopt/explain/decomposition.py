@@ -38,9 +38,9 @@ from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
-# Two positions are equal to this, relative to the largest coordinate, or to 1 rad if that is more.
+# Two positions count as equal within this, relative to the largest coordinate, at least 1 rad.
 _SAME_RTOL = 1e-9
-# A record counts where it is shorter than the computed optimum by more than this.
+# A record replaces the computed optimum if it is shorter by more than this, relative.
 _RECORDED_RTOL = 1e-6
 # Instants per segment: two piecewise quintics that agree there agree everywhere.
 _SAMPLES = 50
@@ -128,11 +128,11 @@ def explain(
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
     Args:
-        problem: That it solves.
-        planner: None for a motion that nobody can plan again.
-        trajectory: The planner's.
-        recorded: The best known motion, as a reference's answer; its reason says where it comes
-            from. It is the optimum where it is shorter than what the references find now.
+        problem: The problem that the motion solves.
+        planner: The planner; None for a motion that cannot be planned again.
+        trajectory: The planner's motion.
+        recorded: The best known motion, as a reference's answer; its reason states its origin. It
+            replaces the optimum if it is shorter than the references' answers.
 
     Raises:
         TrajoptError: `trajectory` has no certified duration.
@@ -167,7 +167,7 @@ def explain(
 def _solver(
     planner: Planner | None, problem: Problem, own: Trajectory
 ) -> tuple[Planner | None, str]:
-    """Who solves it again with relaxed limits; a swarm's scatter would drown the saving."""
+    """Return a solver for relaxed limits. A swarm is replaced: its scatter exceeds the savings."""
     if planner is None:
         return None, "this trajectory, dilated less"
     if not planner.stochastic:
@@ -180,7 +180,7 @@ def _solver(
 def _gaps(
     problem: Problem, trajectory: Trajectory, optimum: ReferenceAnswer
 ) -> tuple[dict[str, float | None], dict[str, str]]:
-    """Every gap by name, None with a note where it does not apply."""
+    """Return every gap by name; None, with a note, where it does not apply."""
     own = ReferenceAnswer(trajectory)
     retimed = _retimed(problem, trajectory)
     best = _best_spline(problem, trajectory)
@@ -206,7 +206,7 @@ def _gaps(
 
 
 def _optimum(problem: Problem) -> ReferenceAnswer:
-    """The first reference that keeps all limits; `exact` does so also where it ignores some."""
+    """Return the first reference answer that keeps all limits, also those its planner ignores."""
     reason = ""
     for name in references(problem):
         answer = asked(name, problem)
@@ -217,14 +217,14 @@ def _optimum(problem: Problem) -> ReferenceAnswer:
 
 
 def _shorter(own: Trajectory, answer: ReferenceAnswer) -> ReferenceAnswer:
-    """The shorter of two answers to one question; a missing one stays missing."""
+    """Return the trajectory if it is not longer than the answer, else the answer."""
     if answer.duration is not None and own.duration <= answer.duration:
         return ReferenceAnswer(own)
     return answer
 
 
 def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
-    """The best timing of the trajectory's own path; its own timing is one, whatever the grid."""
+    """Return the best timing of the trajectory's own path: TOPP-RA's, or its own if shorter."""
     try:
         planner = load(PATH_TIMING)
         reason = planner.unsupported(problem)
@@ -250,7 +250,7 @@ def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
 
 
 def _best_spline(problem: Problem, own: Trajectory) -> ReferenceAnswer:
-    """The best 3-5-3 with shared times, if the trajectory is one."""
+    """Return the best 3-5-3 with shared times, if the trajectory is such a spline."""
     if not _is_spline353(problem, own):
         return ReferenceAnswer(None, "not a 3-5-3 spline with segment times shared by all joints")
     return _shorter(own, asked(BEST_353, problem))
@@ -272,7 +272,7 @@ def _is_spline353(problem: Problem, own: Trajectory) -> bool:
 
 
 def _as_smooth(problem: Problem, spline: ReferenceAnswer) -> ReferenceAnswer:
-    """The optimum when every joint's jerk may be what it is at most in this spline."""
+    """Return the optimum with each joint's peak jerk in this spline as its jerk limit."""
     if spline.trajectory is None:
         return spline
     equal = under_peak_jerk(problem, peaks(spline.trajectory, order=3))
@@ -280,7 +280,7 @@ def _as_smooth(problem: Problem, spline: ReferenceAnswer) -> ReferenceAnswer:
 
 
 def peaks(trajectory: Trajectory, order: int) -> Array:
-    """The exact largest absolute value of a derivative, `(joints,)`, in rad/s^order."""
+    """Return the exact largest absolute value of a derivative, rad/s^order, `(joints,)`."""
     unit = trajectory.pieces(order)
     flat = unit.reshape(len(unit), -1)
     at = polynomials.critical_points(flat)

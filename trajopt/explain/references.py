@@ -1,6 +1,6 @@
 """The reference planners by name, and the question that each one answers.
 
-They are asked for by name, as any planner is, and may be missing.
+They are loaded by name like any planner, and may be missing.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ BEST_KNOWN = "best-known"
 
 
 def references(problem: Problem) -> list[str]:
-    """The planners whose shortest certified answer is a problem's best known optimum."""
+    """Return the planners whose shortest certified answer is a problem's best known optimum."""
     names = [OPTIMUM]
     if problem.has("jerk"):
         names.append(OPTIMUM_WITH_JERK)
@@ -81,10 +81,10 @@ def references(problem: Problem) -> list[str]:
 
 
 def best_planners(problem: Problem) -> list[str]:
-    """The planners to ask for the fastest motion, until one keeps every limit.
+    """Return the planners to run for the fastest motion, in order, until one keeps every limit.
 
-    Those of fewer limits come first: they are faster, and where their answer keeps the others too,
-    it is the optimum.
+    Planners that know fewer limits come first. They take less time, and if their answer keeps the
+    other limits too, no faster motion is known.
     """
     names = [OPTIMUM]
     if problem.has("jerk"):
@@ -95,12 +95,12 @@ def best_planners(problem: Problem) -> list[str]:
 
 
 def _has_position_dependent(problem: Problem) -> bool:
-    """Return whether a limit counts positions, which the exact planners leave out."""
+    """Return whether a limit depends on position; the exact planners leave such limits out."""
     return any(map(problem.has, ("position", FallingVelocity.key)))
 
 
 class ReferenceAnswer(NamedTuple):
-    """A certified trajectory, or None and why not."""
+    """A certified trajectory, or None with the reason."""
 
     trajectory: Trajectory | None
     reason: str = ""
@@ -113,7 +113,7 @@ class ReferenceAnswer(NamedTuple):
 
 
 def under_peak_jerk(problem: Problem, peak_jerk: ArrayLike) -> Problem:
-    """The problem as smooth as a trajectory was: each joint's peak jerk is its jerk limit.
+    """Return the problem with each joint's peak jerk in a trajectory as its jerk limit.
 
     Args:
         problem: waypoints and limits.
@@ -130,7 +130,7 @@ def under_peak_jerk(problem: Problem, peak_jerk: ArrayLike) -> Problem:
 
 
 def asked(name: str, problem: Problem) -> ReferenceAnswer:
-    """A registered planner's certified answer."""
+    """Return a registered planner's certified answer."""
     try:
         planner = load(name)
         reason = planner.unsupported(problem)
@@ -147,7 +147,7 @@ def asked(name: str, problem: Problem) -> ReferenceAnswer:
 def judged(problem: Problem, planner: Planner, solution: Solution) -> ReferenceAnswer:
     """Return the certified trajectory of a planner's answer, or why it is no reference.
 
-    An answer that breaks a limit which its planner does not know is none, however it is dilated.
+    An answer that breaks a limit which its planner does not know is no reference, even dilated.
     """
     if solution.trajectory is None:
         return ReferenceAnswer(None, solution.message or str(solution.status))

@@ -1,4 +1,4 @@
-"""Judging a published time (docs/mathematics.md, section 11): a claim without a trajectory.
+"""Judge a published time, a claim without a trajectory (docs/mathematics.md, section 11).
 
 known = survey(problem, families=["3-5-3"])
 judgement = judge(claim, known)
@@ -31,7 +31,7 @@ from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 # A best known duration this close to its lower bound is the optimum, proved.
 PROVED_RTOL = 1e-3
-# An answer this close to the bound is at it: more than planners and closed forms round.
+# An answer closer to the bound than this is at the bound; it exceeds rounding errors.
 _MET_RTOL = 1e-6
 
 
@@ -59,11 +59,11 @@ class Claim:
     """A published duration.
 
     Attributes:
-        method: by which it was found, and whose that is where the source quotes another.
+        method: the method that found it, and its author where the source quotes another.
         duration: s.
         rounding: half a unit of the last printed digit, s.
-        table: of the source, where it stands.
-        objective: what was optimised to get it.
+        table: table of the source that prints it.
+        objective: objective that was optimised.
         family: of trajectories, where the toolkit knows the family's best (`BEST_OF_FAMILY`).
         peak_jerk: that the source prints for this trajectory, rad/s³, one per joint.
     """
@@ -94,9 +94,9 @@ class Known:
         problem: waypoints and limits.
         best: the shortest certified duration, None if no planner has one.
         best_by: that planner's name, or the reasons why every planner failed.
-        lower_bound: no trajectory is faster; proved.
+        lower_bound: no trajectory takes less; proved.
         bound_by: what proved it.
-        stopping: the plan that any user has, at rest at every waypoint.
+        stopping: the fastest motion that rests at every waypoint.
         best_of_family: the shortest certified duration within a family, by the family's name.
         trajectory: of the best.
     """
@@ -112,7 +112,7 @@ class Known:
 
     @property
     def width(self) -> float | None:
-        """Relative distance of the best known duration from the lower bound."""
+        """Return the relative distance of the best known duration from the lower bound."""
         if self.best is None:
             return None
         return self.best / self.lower_bound - 1
@@ -145,7 +145,7 @@ class JudgedClaim:
 
 
 def survey(problem: Problem, families: Iterable[str] = (), *, time_limit: float = 20.0) -> Known:
-    """Ask every reference about a problem: its claims are judged by their answers.
+    """Run every reference on a problem; its claims are judged by their answers.
 
     Args:
         problem: waypoints and limits.
@@ -176,7 +176,7 @@ def survey(problem: Problem, families: Iterable[str] = (), *, time_limit: float 
 
 
 def judge_claim(claim: Claim, known: Known) -> JudgedClaim:
-    """The verdict on a claim, and the claim beside what is known."""
+    """Return the verdict on a claim, and its ratios to the known durations."""
     under_jerk = None
     if claim.peak_jerk is not None:
         equal = under_peak_jerk(known.problem, claim.peak_jerk)
@@ -208,7 +208,7 @@ def verdict(claim: Claim, known: Known) -> Verdict:
 def _best(problem: Problem, bound: float) -> tuple[str, ReferenceAnswer]:
     """Return the planner and its shortest certified answer, or why no planner has one.
 
-    No planner is asked once an answer meets the lower bound.
+    No further planner runs once an answer is at the lower bound.
     """
     shortest = ReferenceAnswer(None)
     by = ""

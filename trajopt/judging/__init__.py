@@ -2,9 +2,10 @@
 
 In reading order:
 
-- `repair`: the nearest motion that passes every waypoint and does not jump;
+- `repair`: a motion close to the given one that passes every waypoint and does not jump;
 - `slower`: a slower motion with the same end states, by `joint_program`;
 - `verification`: `verify`, which judges the repaired motion, and its `Certificate`;
 - `smoothness`: ∫ jerk² and ∫ acceleration² of a motion;
 - `passing`: the times at which a motion passes waypoints;
+- `evidence`: the verdict on a log of samples, from `log_joint`, `tube` and `tube_proof`.
 """

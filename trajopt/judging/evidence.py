@@ -1,17 +1,18 @@
-"""Tell from the samples of a log whether limits are broken, kept, or cannot be told.
+"""Judge from the samples of a log whether limits were kept, broken, or whether that is unknown.
 
-A log has digits, rounded times and noise. So a position is known within a half width. There may be
-a motion within these half widths that keeps the limits (`trajopt.judging.tube`), or a proof that
-there is none (`trajopt.judging.tube_proof`). Three verdicts follow:
+A log has rounded positions and times, and noise. So a position is known within a half width. There
+may be a motion within these half widths that keeps the limits (`trajopt.judging.tube`), or a proof
+that there is none (`trajopt.judging.tube_proof`). So there are three verdicts:
 
-- `broken`: no motion within the half widths keeps the limits, which is proved;
-- `kept`: a motion keeps them, and an excess of 5 % that lasts for the window would have shown;
-- `cannot be told`: neither. The windows say for how long an excess of 5 % could hide.
+- `broken`: it is proved that no motion within the half widths keeps the limits;
+- `kept`: a motion within the half widths keeps them, and the samples exclude a mean excess of 5 %
+  over the window;
+- `cannot be told`: neither. The windows say over which time an excess of 5 % is excluded.
 
-Velocities that were logged beside positions have digits too, which tell far more of an acceleration
-than those of positions do. Under `noise` they are left out: theirs is not known. So are velocities
-with which every motion would use more than three times a limit that the positions allow to be kept:
-they were measured or filtered apart from the positions, or are zeros in place of none.
+Logged velocities bound an acceleration much more tightly than positions of as many digits do. They
+are ignored in two cases. With `noise`, their noise is not known. And where they would need more
+than three times a limit that the positions alone allow to be kept, they do not belong to these
+positions: they were measured or filtered separately, or zeros stand for missing values.
 """
 
 from __future__ import annotations
@@ -37,27 +38,29 @@ KEPT_RTOL = 1e-3
 """A motion that uses 1 + this share of its limits counts as one that keeps them."""
 DEFAULT_WINDOW_S = 0.1
 DIGITS_WORTH: dict[LimitName, float] = {"velocity": 3.0, "acceleration": 12.0, "jerk": 24.0}
-"""Largest change of a cubic spline's derivatives: this times half width / step**order."""
+"""The half widths change a cubic spline's derivative by up to this times half width /
+step**order."""
 VELOCITY_WORTH: dict[LimitName, float] = {"velocity": 1.0, "acceleration": 6.0, "jerk": 12.0}
-"""The same of cubic pieces between positions and velocities, by half a digit of the latter."""
+"""The same for cubic pieces between positions and velocities, by the velocities' half widths."""
 
-_MISFIT = 3.0  # times a limit: velocities that need more than positions, which need less than 1
+_MISFIT = 3.0  # velocities are ignored if they alone need this many times a limit
 _MAX_STRETCHES = 5
-_MAX_SLOWER = 1e4  # times as long: beyond that no motion is looked for
-_SLOWER_RTOL = 1e-4  # between what a motion takes at least and at most
+_MAX_SLOWER = 1e4  # no slower motion is searched beyond this dilation
+_SLOWER_RTOL = 1e-4  # between the lower bound of a dilation and the one that is found
 _MAX_PASSAGES = 3  # samples that are tried as the passage of a waypoint
 
 
 @dataclass(frozen=True)
 class Told:
-    """What is known of one kind of limit: shares of it, of the joint with the largest one.
+    """Use of one kind of limit, as a share of it, for the joint that uses most.
 
     Attributes:
-        at_least: Every motion within the half widths uses this share.
-        uses: The motion uses this share; None where no motion was found.
-        spline: The cubic spline through the samples, at rest at both ends, uses this share.
-        digits_alone: The half widths change a cubic spline by at most this share.
-        window: The shortest window, s, in which no mean excess of 5 % can hide; or infinite.
+        at_least: Every motion within the half widths uses at least this share.
+        uses: Share that the motion found uses; None where none was found.
+        spline: Share that the cubic spline through the samples uses, at rest at both ends.
+        digits_alone: Largest change of that share by the half widths.
+        window: The shortest window, s, over which the samples exclude a mean excess of 5 %;
+            infinite if there is none.
         joint: The joint of `at_least`, counted from 0.
         by_joint: `at_least` of each joint; None without such a limit.
     """
@@ -77,10 +80,10 @@ class Conviction:
 
     Attributes:
         joint: Counted from 0.
-        at_least: Share of the limits that every motion within the half widths uses; for a position
-            limit, how far beyond it the joint is at least, rad.
-        limit: The limit that alone needs that; None where it takes all of them together.
-        start, end: The times between which the proof lives, s.
+        at_least: Share of the limits that every motion within the half widths uses. For a position
+            limit: the least distance beyond it, rad.
+        limit: The limit that is broken; None where only all limits together prove it.
+        start, end: The proof needs only the samples between these times, s.
     """
 
     joint: int
@@ -92,12 +95,12 @@ class Conviction:
 
 @dataclass(frozen=True, eq=False)
 class Slower:
-    """The samples of a broken log, passed at their own spacing in time but more slowly.
+    """A slower motion through the samples of a broken log, with their times dilated.
 
     Attributes:
-        at_least: Every lawful motion within the half widths takes so many times as long.
-        factor: The motion takes so many times as long as the log.
-        motion: It keeps the limits.
+        at_least: Lower bound on the dilation of every motion that keeps the limits.
+        factor: Dilation of the motion found.
+        motion: The motion; it keeps the limits.
     """
 
     at_least: float
@@ -107,22 +110,22 @@ class Slower:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a log tells.
+    """The verdict on a log, and what it rests on.
 
     Attributes:
-        verdict: One of three.
-        limits: By kind, without kinds that no joint has.
-        motion: The motion within the half widths that uses the least of the limits; None where
-            none was found.
+        verdict: `broken`, `kept` or `cannot be told`.
+        limits: Use of each kind of limit that a joint has.
+        motion: The motion within the half widths that uses the smallest share of the limits; None
+            where none was found.
         at_rest: Whether that motion rests at both ends; if not, the log was cut.
-        convictions: Of each joint the strongest proof; none unless the verdict is `broken`.
+        convictions: The strongest proof for each joint; none unless the verdict is `broken`.
         log: The samples.
-        noise: The standard deviation that was given, rad; 0 for digits alone.
+        noise: Standard deviation of the noise that was given, rad; 0 for rounding alone.
         window: The window that was asked for, s.
         by_positions: The verdict without the velocities, where these are part of the proof.
-        slower: For a broken log, the shortest lawful motion through its samples that was found.
-        misfit: Why the velocities were left out: with them every motion would break a limit far,
-            by the positions none needs to. They are not the positions' own.
+        slower: For a broken log, the shortest motion found through its samples that keeps the
+            limits.
+        misfit: With the velocities that were ignored, this would be proved; None if none were.
     """
 
     verdict: Verdict
@@ -179,7 +182,7 @@ def evidence(
         log: Its samples.
         limits: Of its joints. Where segments differ, the widest counts.
         noise: Standard deviation of independent normal noise of the positions, rad.
-        window: A mean excess of 5 % over this window must show for `kept`, s.
+        window: `kept` requires that a mean excess of 5 % over this window is excluded, s.
         accelerations: Whether each joint's acceleration is judged; by default all are.
     """
     limits = limits.in_all_segments(tightest=False)
@@ -219,16 +222,16 @@ def evidence(
 
 
 def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> Evidence:
-    """Return the evidence with a motion that passes waypoints, if one within the digits does.
+    """Return the evidence with a motion that passes waypoints, if there is one within the digits.
 
-    A waypoint that the motion misses by more than a digit is not passed. All joints pass a waypoint
-    at one time, which the digits blur: samples that are the waypoint but for their digits are tried
-    too, the nearest first.
+    A waypoint that the motion misses by more than one digit is not passed. All joints have to pass
+    a waypoint at the same time, which the log's digits leave open. So the times of samples that are
+    the waypoint within their digits are tried too, the nearest first.
 
     Args:
-        found: Of a log that was not cut.
+        found: The evidence of a log that was not cut.
         limits: Of its joints.
-        times: About when the waypoints are passed, from the log's first time to its last, s.
+        times: Approximate times of the waypoints, from the log's first time to its last, s.
         waypoints: rad, `(waypoints, joints)`.
     """
     log = found.log
@@ -255,7 +258,7 @@ def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Through:
-    """The joints' motions through waypoints at these times."""
+    """The joints' motions that pass the waypoints at these times, s."""
 
     times: Array
     joints: Sequence[TubeAnswer]
@@ -273,7 +276,10 @@ def _through_all(joints: Sequence[Joint], times: Array, waypoints: Array) -> _Th
 def _convictions(
     joints: Sequence[Joint], lows: Sequence[TubeAnswer], singles: Sequence[dict[str, float]]
 ) -> list[Conviction]:
-    """The joints that break limits, proved in rational numbers: position limits, then the most."""
+    """Return the strongest proof of each joint that breaks a limit, in rational numbers.
+
+    Position limits come first, then the largest shares.
+    """
     convictions: list[Conviction] = []
     for joint, (own, found, alone) in enumerate(zip(joints, lows, singles, strict=True)):
         of_joint: list[Conviction] = []
@@ -302,9 +308,10 @@ def _slower(
     singles: Sequence[dict[str, float]],
     at_rest: bool,
 ) -> Slower | None:
-    """The shortest lawful motion through the samples at their own spacing; None if none is found.
+    """Return the least dilation found with which a motion through the samples keeps the limits.
 
-    The joint that needs the longest decides. All are asked in the order of what they need.
+    Joints are tested in the order of their use; the one that needs the largest dilation decides.
+    Return None if none is found.
     """
     at_least, factor = 1.0, 1.0
     for joint in sorted(range(len(joints)), key=lambda joint: -lows[joint].low):
@@ -313,8 +320,8 @@ def _slower(
             return None
         if own.stretched(factor).found(at_rest).high <= 1:
             continue
-        # Of a derivative of order k the use falls with the k-th power of the time. Proofs that
-        # need the velocities say nothing of slower motions.
+        # Dilation by d divides the use of a limit of order k by d^k: a lower bound. Proofs that
+        # need the logged velocities do not hold for slower motions.
         low = 1.0
         if not len(own.readings.times):
             order = max(k for k, (_, high) in enumerate(own.limits, start=1) if np.isfinite(high))
@@ -404,9 +411,9 @@ def _told(
 
 
 def _falling(joint: Joint, limit: OtherLimit, index: int, step: float) -> tuple[float, float]:
-    """What digits are worth of a velocity that positions bound, and the window for it.
+    """Return `digits_alone` and `window` of a velocity limit that depends on the position.
 
-    Digits count where the joint moves by more than its own.
+    Only samples between which the joint moves by more than its half widths are counted.
     """
     reach = joint.reach(joint.times)
     low, high = limit.velocities(index, *reach)

@@ -1,4 +1,4 @@
-"""One joint's motion between given breaks, within its limits, as near as possible to a planned one.
+"""One joint's motion on given breaks, within its limits and as close as possible to a plan.
 
 The highest derivative `u` (acceleration, or jerk where jerk is limited) is constant on each piece
 of length `d_i`. It solves the linear program
@@ -7,11 +7,12 @@ of length `d_i`. It solves the linear program
 
 subject to Taylor's formula from break to break, the waypoints, the states at both ends (rest,
 unless others are given), and every limit.
+
 At the breaks the states themselves are bounded. Inside a piece the Bernstein coefficients of
-position and velocity are bounded: the polynomial stays between them (docs/mathematics.md,
-section 10). So are those of a chord of the parabola where a velocity limit falls: the chord between
-the places where the planned motion is at the ends of the piece. It holds inside as long as the
-motion stays near the planned one.
+position and velocity are bounded, since the polynomial stays between them (docs/mathematics.md,
+section 10). A falling velocity limit is a parabola of position and velocity. It is replaced by its
+chord between the positions of the planned motion at both ends of the piece. The chord is inside the
+limit as long as the motion stays close to the planned one.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from math import comb, factorial
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy  # imports its parts, half a second, where they are first used
+import scipy  # loads its submodules, half a second, where they are first used
 from numpy.typing import NDArray
 
 from trajopt.core.arrays import Array
@@ -34,10 +35,10 @@ if TYPE_CHECKING:
 Indices = NDArray[np.int_]
 _Inequalities = tuple["csr_array", Array]  # a matrix, and the right-hand side
 
-LIMIT_RTOL = 1e-5  # distance that the program keeps from each limit: its tolerance is smaller
+LIMIT_RTOL = 1e-5  # distance from each limit, relative; larger than the solver's tolerance
 TOLERANCE = 1e-9  # of the solver, in the program's units
-LEAST_TOLERANCE = 1e-10  # the solver takes no smaller one
-CORRECTIONS = 3  # each reduces the misses to the rounding of the one before
+LEAST_TOLERANCE = 1e-10  # the smallest tolerance that the solver accepts
+CORRECTIONS = 3  # each reduces the misses to the rounding of the last one
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +59,8 @@ class JointProgram:
         planned: The planned derivative below `u` at the breaks, rad and s.
         ends: Velocity (and acceleration, of order 3) at the start and at the end, rad and s,
             `(2, order - 1)`; None at rest.
-        distance: What the program keeps from each limit, relative.
-        course: The planned position at the breaks, rad; without it falling velocity limits are not
-            counted.
+        distance: Distance from each limit in the program, relative.
+        course: The planned position at the breaks, rad; None to ignore falling velocity limits.
     """
 
     times: Array
@@ -74,7 +74,10 @@ class JointProgram:
     course: Array | None = None
 
     def solved(self) -> Array | None:
-        """Position and the derivatives below `u` at the breaks, `(order, pieces + 1)`; or None."""
+        """Return position and the derivatives below `u` at the breaks, `(order, pieces + 1)`.
+
+        None where the program has no solution.
+        """
         if not np.ptp(self.positions) and not self._ends[:, 1:].any():
             still = np.zeros((self.order, self._points))
             still[0] = self.positions[0]
@@ -120,7 +123,7 @@ class JointProgram:
         return np.diff(self.times) / self._time_unit
 
     def _rates(self) -> Array | None:
-        """The program's `u` on each piece, rad/s^order; None where it has no solution."""
+        """Return the solution `u` on each piece, rad/s^order; None where there is none."""
         parts = [self._distances(), *self._inside(), *self._falling()]
         dynamics = self._dynamics()
         cost = np.zeros(dynamics.shape[1])
@@ -150,7 +153,7 @@ class JointProgram:
 
     @cached_property
     def _unknowns(self) -> csr_array:
-        """A row for each unknown, which selects it."""
+        """The identity matrix: row i selects unknown i."""
         count = self.order * self._points + 2 * self._pieces
         return scipy.sparse.eye_array(count, format="csr")
 
@@ -160,15 +163,15 @@ class JointProgram:
         return self._unknowns[first : first + self._pieces]
 
     def _term(self, kind: int, power: int) -> csr_array:
-        """The Taylor term `x_(kind + power) d^power / power!` of each piece."""
+        """Return the Taylor term `x_(kind + power) d^power / power!` of each piece."""
         factors = self._lengths**power / factorial(power)
         return scipy.sparse.diags_array(factors) @ self._states_at(kind + power, 0)
 
     @cached_property
     def _limits(self) -> Array:
-        """`[low, high]` of position and its derivatives up to `u`, in the program's units.
+        """Limits of position and its derivatives up to `u`, in the program's units.
 
-        Of each piece: `(order + 1, pieces, 2)`.
+        `[low, high]` of each piece, `(order + 1, pieces, 2)`.
         """
         own = self.limits
         inner = self.passing[1:-1]
@@ -188,7 +191,7 @@ class JointProgram:
         return np.asarray(pairs[:kinds] / self._units[:, None, None])
 
     def _ranges(self) -> Array:
-        """The range of every unknown: limits, the states at both ends, and the waypoints."""
+        """Return the bounds of every unknown: limits, the end states, and the waypoints."""
         # at a break the limits of the pieces on both sides
         each = self._limits[:-1]
         before = np.concatenate([each[:, :1], each], axis=1)
@@ -203,7 +206,10 @@ class JointProgram:
         return np.concatenate([states.reshape(-1, 2), self._limits[-1], distances])
 
     def _dynamics(self) -> csr_array:
-        """Taylor: `Σ_p x_(k + p)(i) d_i^p / p! − x_k(i + 1) = 0`, the last term of `u`."""
+        """Return Taylor's formula, `Σ_p x_(k + p)(i) d_i^p / p! − x_k(i + 1) = 0`.
+
+        The last term is that of `u`.
+        """
         blocks = []
         for kind in range(self.order):
             powers = range(self.order - kind + 1)
@@ -213,10 +219,10 @@ class JointProgram:
         return scipy.sparse.vstack(blocks)
 
     def _inside(self) -> list[_Inequalities]:
-        """`A x ≤ b`: the inner Bernstein coefficients of each piece's position and velocity.
+        """Return `A x ≤ b` for the inner Bernstein coefficients of position and velocity.
 
-        Of a polynomial of degree n: `b_j = Σ_p C(j, p) / C(n, p) c_p d^p`, with `c_p d^p` its
-        Taylor terms.
+        A polynomial of degree n with the Taylor terms `c_p d^p` has the Bernstein coefficients
+        `b_j = Σ_p C(j, p) / C(n, p) c_p d^p`.
         """
         found = []
         for kind in (0, 1):
@@ -230,7 +236,7 @@ class JointProgram:
         return found
 
     def _control(self, kind: int, degree: int, number: int) -> csr_array:
-        """Rows of a Bernstein coefficient of a state on each piece, in this degree."""
+        """Return the rows of one Bernstein coefficient of a state on each piece."""
         terms = []
         for power in range(min(number, self.order - kind) + 1):
             share = comb(number, power) / comb(degree, power)
@@ -238,9 +244,10 @@ class JointProgram:
         return sum(terms)
 
     def _falling(self) -> list[_Inequalities]:
-        """`(a + b) (v + o) ≤ 2 d w + a b` of a chord from `v + o = a` to `b`, with `w = H − q`.
+        """Return the chords of a falling velocity limit, `(a + b) (v + o) ≤ 2 d w + a b`.
 
-        Where the planned motion is where nothing is allowed, it leaves: `v ≤ 0`.
+        The chord leads from `v + o = a` to `v + o = b`, and `w = H − q` is the distance from the
+        end. Where the limit allows no motion towards the end it is `v ≤ 0`.
         """
         own = self.limits.kinds.get(FallingVelocity.key)
         if self.course is None or not isinstance(own, FallingVelocity):
@@ -258,7 +265,7 @@ class JointProgram:
             leaves = near < blocked
             a, b = np.sqrt(2 * deceleration * np.maximum([near, far], blocked))
             sums = a + b
-            slope = np.where(leaves, 0.0, 2 * deceleration / sums)  # of v by w
+            slope = np.where(leaves, 0.0, 2 * deceleration / sums)  # dv/dw
             height = np.where(leaves, 0.0, a * b / sums - offset)
             most = height + slope * sign * (end - self.positions[0])
             for number in range(self.order + 1):
@@ -270,7 +277,7 @@ class JointProgram:
         return found
 
     def _distances(self) -> _Inequalities:
-        """`u − e ≤ ū` and `−u − e ≤ −ū`."""
+        """Return `u − e ≤ ū` and `−u − e ≤ −ū`."""
         changes = np.diff(self.planned)
         steps = np.diff(self.times)
         planned = changes / steps / self._units[self.order]
@@ -284,14 +291,14 @@ class JointProgram:
     # ---- from the program's answer to exact states ------------------------------------------
 
     def _exact(self, rates: Array) -> Array:
-        """The states of the nearest rates that pass the waypoints and end as they are to.
+        """Return the states of the closest `u` that meets the waypoints and the last state.
 
         They are summed from break to break, so that each piece is consistent to the last bit. Sums
-        over the whole motion would round more, and the interpolation would magnify that rounding:
-        60/d³ times for a quintic piece.
+        over the whole motion would have larger rounding errors, which a quintic piece of length `d`
+        would magnify by 60/d³.
         """
         T = self.times[-1]
-        # The aims: the break, the order of the derivative there, and its value.
+        # Targets: index of the break, order of the derivative there, its value.
         passed = zip(self.passing, self.positions, strict=True)
         aims = [(row, 0, q) for row, q in passed][1:]
         for kind in range(1, self.order):
@@ -317,16 +324,16 @@ class JointProgram:
         return states
 
     def _response(self, time: float, power: int) -> Array:
-        """The derivative of order `order − power` at a time, for a unit of each piece's `u`.
+        """Return the derivative of order `order − p` at a time `t`, for `u = 1` on each piece.
 
-        `((t − t_i)^p − (t − t_(i + 1))^p) / p!`, where these differences are positive.
+        It is `((t − t_i)₊^p − (t − t_(i + 1))₊^p) / p!`, where `p` is `power`.
         """
         since = np.maximum(0.0, time - self.times)
         grown = since**power / factorial(power)
         return np.asarray(grown[:-1] - grown[1:])
 
     def _states(self, rates: Array) -> Array:
-        """Position and derivatives at the breaks, by Taylor's formula from each to the next."""
+        """Return position and derivatives at the breaks, by Taylor's formula."""
         states = np.zeros((self.order + 1, self._points))
         states[: self.order, 0] = self._ends[0]
         states[self.order, :-1] = rates

@@ -1,9 +1,10 @@
-"""One joint of a log: what is known of it, and the motions that may have been.
+"""One joint of a log: the motions that its samples allow, and the share of limits that they use.
 
-A log has digits, rounded times and noise. So each of a joint's positions is known within a half
-width, and each of its velocities, where they were logged. `Joint.found` is the motion within these
-that uses the least of the limits (`trajopt.judging.tube`), and the bound of all of them. Means over
-windows (`means_over_windows`) tell without a motion for how long an excess can hide.
+A log has rounded positions and times, and noise. So each position is known within a half width, and
+so is each velocity that was logged. `Joint.found` returns the motion within these half widths that
+uses the smallest share of the limits, and a lower bound on the share that every such motion uses
+(`trajopt.judging.tube`). `means_over_windows` bounds, without any motion, for how long an excess
+over a limit could stay unnoticed.
 """
 
 from __future__ import annotations
@@ -35,28 +36,28 @@ NOISE_DOUBT = 1e-3
 RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 
 Positions = Callable[[Array], tuple[Array, Array]]
-"""The lowest and highest positions at times, rad."""
+"""A function of times that returns the lowest and the highest possible position, rad."""
 
-_FLOOR = 1e-7  # rad, rad/s, least half width: narrower tubes are lost in rounding
+_FLOOR = 1e-7  # least half width, rad and rad/s: the program rounds narrower tubes away
 _UNLIMITED: Limit = (-np.inf, np.inf)
-_WAYPOINT_SHARE = 1e-7  # of a joint's span: half width at a waypoint, within what is repaired
+_WAYPOINT_SHARE = 1e-7  # half width at a waypoint, relative to the joint's span; repair mends it
 _MAX_NARROWINGS = 4
-_LEAST_RATE = 1e-3  # of a velocity limit: no smaller one is asked for
-_SINGLE_ROUNDS = 2  # of knots added for one limit alone
+_LEAST_RATE = 1e-3  # least velocity limit at any time, relative to the constant one
+_SINGLE_ROUNDS = 2  # rounds of adding knots, for one limit alone
 _STRIDE_GROWTH = 1.25
 _MAX_STRIDE_BY_ONE = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Positions of joints at some times, and how well both are known.
+    """Samples of joint positions, and the digits of positions and times.
 
     Attributes:
         times: Increasing from 0, s, `(samples,)`.
         positions: rad (m for a prismatic joint), `(samples, joints)`.
         half_digits: Half a unit of the last digit of each position, rad, `(samples, joints)`.
-        time_half_digit: The same of the times, s; 0 where they are exact.
-        decimals: Of each joint's column, in its unit.
+        time_half_digit: Half a unit of the last digit of the times, s; 0 where they are exact.
+        decimals: Number of decimals of each joint's column, in the unit of the file.
         velocities: rad/s, `(samples, joints)`; None for a log of positions alone.
         velocity_half_digits: Half a unit of the last digit of each velocity, rad/s.
     """
@@ -72,13 +73,13 @@ class Log:
 
 @dataclass(frozen=True, eq=False)
 class _Conditions:
-    """What a joint's motion must keep, beside its constant limits.
+    """Conditions on a joint's motion, beside its constant limits.
 
     Attributes:
-        half: Of each sample, rad.
-        readings: The velocities that are known.
-        rates: Limits of the velocity that depend on the time.
-        turns: Times between samples at which the position limits count, s.
+        half: Half width of each sample, rad.
+        readings: Logged velocities with their half widths.
+        rates: Velocity limits that depend on the time.
+        turns: Times between samples at which the position limits are imposed, s.
     """
 
     half: Array
@@ -88,7 +89,7 @@ class _Conditions:
 
 
 def _along(spline: BSpline) -> Positions:
-    """The positions of a motion, lowest and highest."""
+    """Return the positions of one motion as `Positions`: the lowest is the highest."""
 
     def at(times: Array) -> tuple[Array, Array]:
         positions = spline(times)
@@ -99,16 +100,19 @@ def _along(spline: BSpline) -> Positions:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One joint's samples.
+    """One joint's samples and limits.
 
     Attributes:
-        limits: Of velocity, acceleration and jerk, infinite where there is none.
-        range: Its position limits, rad.
-        digits: Half width of each position, rad.
+        times: s, `(samples,)`.
+        positions: rad, `(samples,)`.
+        digits: Half width of each position at its true time, rad.
         shift: Half width of each time, s.
-        logged: The velocities with their digits.
-        others: Limits of other kinds, of this joint alone: some bound its velocity by its position.
-        stretch: How many times as long the motion may take: its derivatives are as much larger.
+        limits: Of velocity, acceleration and jerk; infinite where there is none.
+        range: Position limits, rad.
+        logged: Logged velocities with their half widths.
+        others: Limits of other kinds for this joint; some bound its velocity at each position.
+        stretch: Factor by which the motion is slowed down. The samples keep their times, and the
+            limits are those of the motion before it is slowed down, so they are wider.
     """
 
     times: Array
@@ -122,7 +126,7 @@ class Joint:
     stretch: float = 1.0
 
     def stretched(self, factor: float) -> Joint:
-        """The same samples, without velocities, where a motion takes so many times as long."""
+        """Return the samples, without velocities, for a motion that is slowed down by a factor."""
         wider = [
             (low * factor**order, high * factor**order)
             for order, (low, high) in enumerate(self.limits, start=1)
@@ -133,13 +137,19 @@ class Joint:
 
     @property
     def half(self) -> Array:
-        """Half width at the stated times: a motion within its limits moves so far meanwhile."""
+        """Half width at the stated times, rad.
+
+        A stated time is off by up to `shift`, in which the joint moves at most `shift V`.
+        """
         low, high = self.limits[0]
         return self.digits + self.shift * max(-low, high)
 
     @cached_property
     def readings(self) -> Readings:
-        """The velocities at the stated times; none where these are blurred without a limit."""
+        """Logged velocities with their half widths at the stated times.
+
+        There are none where times are rounded and the acceleration is not limited.
+        """
         if not self.shift:
             return self.logged
         blur = self.shift * max(-self.limits[1][0], self.limits[1][1])
@@ -153,11 +163,11 @@ class Joint:
         return np.maximum(low - self.positions, self.positions - high) - self.digits
 
     def found(self, rest: bool, passing: tuple[Array, Array] | None = None) -> TubeAnswer:
-        """The motion that uses the least of all limits, and the bound."""
+        """Return the motion that uses the smallest share of the limits, and the lower bound."""
         limits = list(self.limits)
         while not np.isfinite(limits[-1][1]):
             limits.pop()
-        if len(limits) == 1:  # a velocity does not jump: a spline of degree 2, nearly unlimited
+        if len(limits) == 1:  # velocity is continuous: degree 2, a very wide acceleration limit
             steep = 100 * max(self.limits[0]) / float(np.median(np.diff(self.times)))
             limits.append((-steep, steep))
         falling = self.falling()
@@ -175,7 +185,8 @@ class Joint:
             rates = self._rates(_along(spline), falling)
             own = replace(own, rates=rates, turns=np.union1d(own.turns, beyond))
             narrower = self._solved(own, limits, rest, passing)
-            # Only the positions between samples are a condition of every motion.
+            # A narrower tube, or rates along one motion, hold for that motion only. The position
+            # limits between samples hold for every motion: only with these the bound is a proof.
             proves = hits and not falling and narrower.low > found.low
             better = narrower if proves else found
             found = replace(narrower, low=better.low, proof=better.proof)
@@ -184,7 +195,7 @@ class Joint:
         return replace(found, high=max(found.high, self._use_of(found, falling)))
 
     def _narrowed(self, own: _Conditions, spline: BSpline) -> _Conditions:
-        """The tube where a motion moves less than its limit allows: it is narrower there."""
+        """Return narrower half widths, where this motion is slower than its limit allows."""
         speed = np.abs(spline(self.times, nu=1))
         half = np.minimum(own.half, self.digits + self.shift * speed)
         readings = own.readings
@@ -195,10 +206,11 @@ class Joint:
         return replace(own, half=half, readings=readings)
 
     def beyond_between(self, found: TubeAnswer) -> Array:
-        """Times between samples at which a motion turns beyond the position limits, s."""
+        """Return times between samples at which the motion turns beyond its position limits, s."""
         low, high = self.range
         inside = (found.coefficients >= low - _FLOOR) & (found.coefficients <= high + _FLOOR)
-        # A spline is between its coefficients; a sample beyond the limits is another fault.
+        # A spline stays within the range of its coefficients. Samples beyond the limits are
+        # reported elsewhere.
         if inside.all() or not np.isfinite(found.high) or self.beyond.max() > 0:
             return np.zeros(0)
         from scipy.interpolate import PPoly
@@ -211,7 +223,7 @@ class Joint:
         return beyond
 
     def falling(self) -> list[str]:
-        """The keys of the other limits that bound the velocity by the position."""
+        """Return the keys of the limits that bound the velocity at each position."""
         at = self.positions
         return [
             key
@@ -220,9 +232,10 @@ class Joint:
         ]
 
     def reach(self, times: Array) -> tuple[Array, Array]:
-        """The lowest and highest position that a motion within twice its limits has at times.
+        """Return the lowest and highest position at some times, for use up to twice the limits.
 
-        Between samples it leaves the straight line by at most `V h / 2` and `A h² / 8`.
+        Between two samples at the distance `h`, a motion within the limits `V` and `A` is off the
+        straight line by at most `V h / 2` and `A h² / 8`.
         """
         steps = np.diff(self.times)
         beyond = 2 * max(map(abs, self.limits[0])) * steps / 2
@@ -234,7 +247,7 @@ class Joint:
         return lowest - beyond[piece], highest + beyond[piece]
 
     def _rates(self, positions: Positions, keys: Sequence[str]) -> Rates | None:
-        """The velocity's limits at times, with those of other limits, where these say anything."""
+        """Return the velocity limits as a function of time, from the limits with these keys."""
         if not keys:
             return None
         low, high = self.limits[0]
@@ -250,7 +263,7 @@ class Joint:
         return rates
 
     def _use_of(self, found: TubeAnswer, keys: Sequence[str]) -> float:
-        """The exact use of other limits by a motion."""
+        """Return the motion's exact largest use of the limits with these keys."""
         if not keys or not np.isfinite(found.high):
             return 0.0
         motion = joined([found], self.times[[0, -1]])
@@ -272,9 +285,10 @@ class Joint:
         return tube(*points, limits, rest=rest, readings=own.readings, rates=own.rates)
 
     def _inside(self, own: _Conditions) -> tuple[Array, Array, Array]:
-        """The tube, narrowed to the position limits where it does not lie outside of them.
+        """Return times, centres and half widths of the tube, cut off at the position limits.
 
-        Where a motion turned beyond them the whole range is one point more of the tube.
+        A sample outside the limits keeps its half width. At the times `turns`, where a motion
+        turned beyond the limits, the tube is as wide as the range.
         """
         low, high = self.range
         half = own.half
@@ -285,7 +299,7 @@ class Joint:
         half = np.where(fits, (highest - lowest) / 2, half)
         if not len(own.turns):
             return self.times, centre, half
-        wide = float(np.ptp(self.positions)) + 1.0  # in place of a side without a limit
+        wide = float(np.ptp(self.positions)) + 1.0  # for sides without a position limit
         low = max(low, float(self.positions.min()) - wide)
         high = min(high, float(self.positions.max()) + wide)
         times = np.concatenate([self.times, own.turns])
@@ -295,7 +309,7 @@ class Joint:
         return times[order], centre[order], half[order]
 
     def _hits(self, found: TubeAnswer) -> bool:
-        """Return whether the motion meets each sample at some time that rounds to its stamp."""
+        """Return whether the motion passes each sample within `shift` of its stated time."""
         if not self.shift or not np.isfinite(found.high):
             return True
         ends = self.times[[0, -1]]
@@ -313,7 +327,7 @@ class Joint:
         return True
 
     def singles(self) -> dict[str, float]:
-        """The share of each limit that every motion uses, if it had no other limit."""
+        """Return the share of each limit that every motion uses, with that limit alone."""
         half = self.half
         shares: dict[str, float] = {}
         for order, (name, limit) in enumerate(zip(RATES, self.limits, strict=True)):
@@ -336,7 +350,10 @@ class Joint:
         return shares
 
     def _least_of_falling(self, limit: OtherLimit) -> float:
-        """The share of velocities that positions bound which a mean over some window uses."""
+        """Return the share of a velocity limit that depends on position, used by every motion.
+
+        It is the largest share that the mean velocity over a window uses, less its doubt.
+        """
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
         low, high = limit.velocities(0, *self.reach(self.times))
@@ -352,7 +369,7 @@ class Joint:
         return share
 
     def slope(self) -> tuple[float, float, float]:
-        """The share of the velocity limit that every motion uses, and from when to when, s."""
+        """Return the share of the velocity limit that every motion uses, and its two times, s."""
         steepest = slope(self.times, self.positions, self.half, self.limits[0])
         low, high = self.limits[0]
         read = self.readings
@@ -396,14 +413,14 @@ def _joint(log: Log, limits: Limits, noise: float, joint: int, judged: bool) -> 
 
 
 def _noise_quantile(samples: int) -> float:
-    """Standard deviations within which all samples are but with probability `NOISE_DOUBT`."""
+    """Return the number of standard deviations that all samples keep, but for `NOISE_DOUBT`."""
     return NormalDist().inv_cdf(1 - NOISE_DOUBT / (2 * samples))
 
 
 def _through(
     times: Array, positions: Array, half: Array, passing: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """The tube with a point at each waypoint, in place of a sample that is very near."""
+    """Return the tube with a point at each waypoint; it replaces a sample that is very near."""
     own_times, waypoints = passing
     near = 1e-3 * float(np.diff(times).min())
     apart = np.abs(times[:, None] - own_times).min(axis=1) > near
@@ -418,7 +435,7 @@ def _through(
 
 
 def joined(chosen: Sequence[TubeAnswer], waypoint_times: Array) -> Trajectory | None:
-    """The joints' motions as one trajectory; None where there is none, or none in floats."""
+    """Return the joints' motions as one trajectory; None where a joint has none."""
     from scipy.interpolate import PPoly
 
     if not all(np.isfinite(found.high) for found in chosen):
@@ -431,20 +448,22 @@ def joined(chosen: Sequence[TubeAnswer], waypoint_times: Array) -> Trajectory | 
         pieces.append((breaks, own.c[:, kept]))
     try:
         return Trajectory.joined(pieces, waypoint_times)
-    except InvalidTrajectory:  # of times that differ by their rounding
+    except InvalidTrajectory:  # breaks that differ by rounding only
         return None
 
 
 def window_of(times: Array, values: Array, half: Array, limits: Array, order: int) -> float:
-    """The shortest window in which no mean of a derivative beyond 1.05 of its limit can hide.
+    """Return the shortest window, s, over which the samples exclude a mean excess of 5 %.
+
+    It is infinite where they exclude it over no window.
 
     Args:
         times: s, `(samples,)`.
-        values: Positions, or velocities, whose derivatives count from theirs, `(samples, joints)`.
+        values: Positions or velocities, `(samples, joints)`.
         half: Their half widths.
-        limits: `(joints, 2)`; or those at each sample, `(samples, joints, 2)`, of which the
-            narrowest of a window counts.
-        order: Of the derivative.
+        limits: `(joints, 2)`, or at each sample `(samples, joints, 2)`, of which the tightest of a
+            window counts.
+        order: Order of the derivative of `values`.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
@@ -459,7 +478,7 @@ def window_of(times: Array, values: Array, half: Array, limits: Array, order: in
 
 
 def _filtered(extreme: Callable[..., Array], values: Array, size: int) -> Array:
-    """The extreme of each window of so many samples."""
+    """Return the extreme value in each window of `size` samples."""
     found: Array = extreme(values, size, axis=0)
     return found[size // 2 :][: len(values) - size + 1]
 
@@ -467,13 +486,13 @@ def _filtered(extreme: Callable[..., Array], values: Array, size: int) -> Array:
 def means_over_windows(
     times: Array, values: Array, half: Array, order: int
 ) -> Iterator[tuple[int, Array, Array, float]]:
-    """Means of a derivative over longer and longer windows.
+    """Yield means of a derivative over longer and longer windows.
 
-    A divided difference over samples is a mean of the derivative between them; digits leave a doubt
-    about it, which is smaller the longer the window is.
+    A divided difference of samples is a mean of the derivative between them. The half widths of the
+    samples leave a doubt about it, which is smaller over longer windows.
 
     Yields:
-        How many samples a window has, each window's mean and doubt, and the longest window, s.
+        The number of samples of a window, each window's mean and doubt, and the longest window, s.
     """
     stride = 1
     while order * stride < len(times):

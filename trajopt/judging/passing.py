@@ -19,27 +19,27 @@ from trajopt.core.problem import Problem
 from trajopt.core.route import COORDINATE_RTOL
 from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 
-# Relative to the duration. A break nearer to the closest approach replaces it, if it misses by no
-# more than rounding.
+# A break replaces the closest approach if their distance is smaller, relative to the duration, and
+# if the motion misses the waypoint there by no more than rounding.
 SAME_TIME_RTOL = 1e-9
 NEWTON_STEPS = 3
-# Missing a waypoint by the largest coordinate weighs so many times as much as using a limit twice.
+# Weight of a miss, relative to the largest coordinate, against a use of limits above 1.
 NEAR_WEIGHT = 1e9
 # Relative to the duration: rounding of the time at which a waypoint is passed.
 PASSING_RTOL = 4 * BREAK_RTOL
 
 
 def misses(problem: Problem, trajectory: Trajectory) -> Array:
-    """How far the motion passes each waypoint, over its rounding (`Problem.rounding`).
+    """Return the miss of each waypoint over its rounding (`Problem.rounding`).
 
-    It is that of the joint that is farthest away, at a time within rounding of the stated one.
+    The joint with the largest miss counts, at a time within rounding of the stated one.
 
     Args:
         problem: Of as many joints and waypoints as the trajectory has.
-        trajectory: Its times are rounded: at 1 rad/s, 3 s after the start, by 4e-16 rad.
+        trajectory: Its times are rounded: 3 s after the start, at 1 rad/s, that is 4e-16 rad.
 
     Returns:
-        `(waypoints,)`; up to 1 a waypoint is missed by no more than its rounding.
+        `(waypoints,)`; up to 1 the miss is no larger than the rounding.
     """
     times = trajectory.waypoint_times
     rounding = np.maximum(problem.rounding, np.finfo(float).tiny)
@@ -54,9 +54,9 @@ def misses(problem: Problem, trajectory: Trajectory) -> Array:
 
 
 def within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
-    """The problem through points of the boxes around its waypoints: where the motion passes.
+    """Return the problem with each waypoint moved to where the motion passes, within its box.
 
-    What is outside a box is to be at its nearest point. The problem itself without a tolerance.
+    Outside the box it is the box's nearest point. A problem without a tolerance stays as it is.
     """
     if "tolerance" not in problem.demands:
         return problem
@@ -75,15 +75,18 @@ def waypoint_times(
     least: Array | float = 0.0,
     excess: Callable[[int, Array], Array] | None = None,
 ) -> Array:
-    """When the motion passes each waypoint, s, `(waypoints,)`; the first at 0, the last at its end.
+    """Return when the motion passes each waypoint, s, `(waypoints,)`.
+
+    The first time is 0, the last one the motion's end.
 
     Args:
         trajectory: of as many joints as the waypoints.
-        waypoints: rad, `(waypoints, joints)`. Closest is meant in joint space, over all joints.
-        tolerance: of each waypoint and joint, rad: within it a waypoint is passed.
-        least: times of the segments that are kept if the waypoints can be passed so, s.
-        excess: by how much a motion that passes a waypoint at these times would break limits, as a
-            ratio: among times of the same miss the one of the least counts.
+        waypoints: rad, `(waypoints, joints)`. Distances are those in joint space.
+        tolerance: of each waypoint and joint, rad; a smaller distance counts as 0.
+        least: least times of the segments, s, kept where the misses stay as small.
+        excess: returns, for a waypoint's index and some times, the excess over limits if the
+            waypoint is passed then, as a ratio. Among times of the same miss the least one is
+            taken.
     """
     r = np.broadcast_to(tolerance, waypoints.shape)
     with np.errstate(over="ignore", invalid="ignore"):  # an infinite distance is far away
@@ -109,7 +112,7 @@ def waypoint_times(
 
 
 def _crossings(trajectory: Trajectory, waypoint: Array, tolerance: Array) -> Array:
-    """When joints cross the sides of the box around a waypoint, and between these times, s."""
+    """Return the times at which joints cross the sides of a waypoint's box, and midpoints, s."""
     found = [trajectory.breaks[[0, -1]]]
     for side in (waypoint - tolerance, waypoint + tolerance):
         away = np.array(trajectory.pieces())
@@ -123,7 +126,7 @@ def _crossings(trajectory: Trajectory, waypoint: Array, tolerance: Array) -> Arr
 
 
 def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
-    """Times within pieces where the distance to a waypoint has a minimum (or maximum), s."""
+    """Return times within pieces where the distance to a waypoint is extreme, s."""
     away = np.array(trajectory.pieces())
     away[-1] -= waypoint
     squares = polynomials.product(away, away)
@@ -138,7 +141,7 @@ def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
 
 
 def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
-    """Improve times by Gauss-Newton steps, each kept only where it comes nearer.
+    """Improve times by Gauss-Newton steps, each kept only where it reduces the distance.
 
     Roots of the squared distance alone round too much.
     """
@@ -158,19 +161,19 @@ def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
 
 
 def _miss(trajectory: Trajectory, waypoint: Array, tolerance: Array, times: Array) -> Array:
-    """Distance from the waypoint over all joints, beyond what each may miss it by, rad."""
+    """Return the distance from the waypoint in joint space, beyond the tolerances, rad."""
     away = np.maximum(np.abs(trajectory(times) - waypoint) - tolerance, 0.0)
     distance = np.linalg.norm(away, axis=1)
     return np.nan_to_num(distance, nan=np.inf)
 
 
 def _in_order(misses: Array, times: Array, least: Array) -> Indices:
-    """Choose a candidate for each waypoint: not decreasing, with the least sum of misses.
+    """Return a candidate for each waypoint, in order of time, with the least sum of misses.
 
     Args:
         misses: `(waypoints, candidates)`, candidates in the order of time.
         times: of the candidates, s.
-        least: times between waypoints, s, `(waypoints - 1,)`; not kept where that is impossible.
+        least: least times between waypoints, s, `(waypoints - 1,)`; ignored where impossible.
     """
     candidates = misses.shape[1]
     numbers = np.arange(candidates)
@@ -179,7 +182,7 @@ def _in_order(misses: Array, times: Array, least: Array) -> Indices:
     before = []
     slack = BREAK_RTOL * times[-1]
     for miss, apart in zip(misses[1:], least, strict=True):
-        # The least sum up to each candidate, and the first candidate that has it.
+        # The least sum up to each candidate, and the first candidate with that sum.
         shortest = np.minimum.accumulate(total)
         earlier = np.full(candidates, np.inf)
         earlier[1:] = shortest[:-1]
@@ -202,7 +205,7 @@ def _in_order(misses: Array, times: Array, least: Array) -> Indices:
 
 
 def _at_breaks(trajectory: Trajectory, waypoints: Array, times: Array) -> Array:
-    """Move times to breaks that are as near to the waypoint, to avoid needless short pieces."""
+    """Return times moved to breaks that are as near to the waypoint, to avoid short pieces."""
     breaks = trajectory.breaks[nearest(trajectory.breaks, times)]
     distance = np.abs(breaks - times)
     close = distance <= SAME_TIME_RTOL * trajectory.duration

@@ -44,8 +44,8 @@ from trajopt.core.resolution import spared
 from trajopt.core.trajectory import Trajectory, nearest
 from trajopt.judging.passing import misses
 
-# Share of every limit. A correction that uses less is left out. All corrections that are left out
-# change the certified duration by no more than this share.
+# A correction that uses a smaller share of every limit is left out. All corrections that are left
+# out change the certified duration by no more than this share.
 NEGLIGIBLE_USE = 1e-12
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
@@ -398,7 +398,7 @@ def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -
 
 
 def _is_negligible(added: Array, layout: _Layout, problem: Problem) -> bool:
-    """Return whether a correction uses next to no limit and moves joints less than rounding."""
+    """Return whether a correction's use of limits is negligible, and its movement rounding."""
     limits = problem.limits.in_all_segments().by_name()
     for name, order in LIMIT_ORDERS.items():
         sizes = np.abs(limits[name])
@@ -512,11 +512,12 @@ def _rows(factors: Array, lowest_power: int) -> Array:
 
 # --- position limits ---
 
-# Relative to the joint's largest displacement. A waypoint nearer to a limit lies on it.
+# A waypoint closer to a limit than this, relative to the joint's largest displacement, is on it.
 ON_LIMIT_RTOL = 1e-11
 EXCESS_RTOL = 1e-10  # largest gain of duration by an excess over a position limit, relative
 MAX_MIXTURES = 64  # the share at least doubles each time, from a unit in the last place to 1
-# From 0 to 1, and there and back to 0, in powers of σ from σ³: both rest at both ends.
+# Polynomials from 0 to 1, and from 0 to 1 and back, in powers of σ from σ³; both begin and end at
+# rest.
 _STEP = np.array([10.0, -15.0, 6.0, 0.0])
 _BUMP = 64 * np.array([1.0, -3.0, 3.0, -1.0])
 _BUMP_CURVATURE = 24.0

@@ -1,10 +1,10 @@
-"""The least slower motion that keeps the states in which a route begins and ends.
+"""Slow a motion down as little as possible without changing the states at its ends.
 
-A dilation changes the velocities at the ends. So a motion that breaks a limit, and is not to begin
-and end at rest, is slowed down otherwise: its breaks are stretched by `k`, each segment is cut
-into more pieces, and for every joint a linear program (`judging.joint_program`) looks for a motion
-on these breaks that passes the waypoints, has the end states, and keeps every limit. The answer is
-a motion for the least such `k` that is found (docs/mathematics.md, section 7).
+A dilation changes the velocities at the ends. So where a route begins or ends in motion, a motion
+that breaks a limit is slowed down in another way. Its times are multiplied by `k`, and each segment
+is cut into more pieces. For every joint a linear program (`judging.joint_program`) then looks for a
+motion on these breaks that passes the waypoints, has the end states, and keeps every limit. The
+answer is the motion of the least such `k` that is found (docs/mathematics.md, section 7).
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from trajopt.core.resolution import spared
 from trajopt.core.trajectory import Trajectory, nearest
 from trajopt.judging.joint_program import JointProgram
 
-PARTS = 16  # even pieces into which each segment is cut, beside its own breaks
-CLOSE_RTOL = 1e-9  # relative to the duration: no cut is so near a break
+PARTS = 16  # equal parts into which each segment is cut, beside its own breaks
+CLOSE_RTOL = 1e-9  # least distance of a cut from a break, relative to the duration
 MAX_DILATION = 2.0
-LEAST_EXCESS = 1e-9  # of the first dilation that is tried
-GROWTH = 8.0  # of the excess, until there is a motion
-HALVINGS = 9  # of the excess that is found, on a scale of logarithms
-# What the linear programs keep from each limit, relative; the second where the first one's motion
-# breaks a limit by its rounding.
+LEAST_EXCESS = 1e-9  # `k - 1` of the first attempt
+GROWTH = 8.0  # factor on `k - 1` until there is a motion
+HALVINGS = 9  # bisections of `log(k - 1)` after that
+# Distance from each limit in the linear programs, relative. The second is used if the motion of the
+# first breaks a limit by its rounding.
 DISTANCES = (2e-9, 1e-6)
 
 
 class Slower(NamedTuple):
-    """A motion that keeps everything, and how many times as long it takes."""
+    """A motion that keeps the whole problem, and its duration relative to the given motion's."""
 
     dilation: float
     motion: Trajectory
@@ -44,12 +44,12 @@ class Slower(NamedTuple):
 def slower(
     problem: Problem, trajectory: Trajectory, kept: Callable[[Trajectory], Trajectory | None]
 ) -> Slower | None:
-    """Return the least slower motion that is found; None where none takes up to twice the time.
+    """Return the fastest slower motion that is found; None if it would take over twice the time.
 
     Args:
         problem: Of as many joints and waypoints as the trajectory has.
         trajectory: A motion that breaks a limit.
-        kept: Returns the motion repaired if it keeps the whole problem, else None.
+        kept: Returns the repaired motion if it keeps the whole problem, else None.
     """
     for distance in DISTANCES:
         search = _Search.of(problem, trajectory, distance)
@@ -65,10 +65,10 @@ class _Search:
 
     Attributes:
         problem: The whole problem.
-        trajectory: With the breaks of the answer, as given.
-        passing: The break of each waypoint that is to be met.
-        positions: Those waypoints, rad.
-        distance: What the programs keep from each limit.
+        trajectory: The given motion, with the breaks of the answer.
+        passing: Index of the break of each waypoint to meet.
+        positions: These waypoints, rad.
+        distance: Distance from each limit in the programs, relative.
     """
 
     problem: Problem
@@ -95,7 +95,7 @@ class _Search:
         return cls(problem, own, passing, problem.waypoints[first], distance)
 
     def least(self, kept: Callable[[Trajectory], Trajectory | None]) -> Slower | None:
-        """The motion of the least dilation that is found."""
+        """Return the motion of the least dilation that is found."""
 
         def tried(excess: float) -> Slower | None:
             dilated = self._dilated(1 + excess)
@@ -129,7 +129,7 @@ class _Search:
 
     @cached_property
     def _resting_dilation(self) -> float:
-        """The dilation that the joints from rest to rest need: theirs is mended by it."""
+        """The dilation that joints which begin and end at rest need; it suffices for them."""
         needed = 1.0
         for joint in np.flatnonzero(~self._moves).tolist():
             own = replace(self.trajectory, coefficients=self.trajectory.coefficients[..., [joint]])
@@ -140,7 +140,7 @@ class _Search:
         return needed
 
     def _dilated(self, dilation: float) -> Trajectory | None:
-        """A motion on the breaks, so many times as long, if the programs have an answer."""
+        """Return a motion that is slower by a factor; None if a joint's program has no solution."""
         slower = self.trajectory.dilated(dilation)
         lengths = slower.lengths
         times = np.append(0.0, np.cumsum(lengths))
@@ -157,7 +157,7 @@ class _Search:
         return replace(slower, coefficients=coefficients)
 
     def _of_joint(self, joint: int, slower: Trajectory, times: Array) -> Array | None:
-        """One joint's coefficients, `(order + 1, pieces)`."""
+        """Return the coefficients of one joint's motion, `(order + 1, pieces)`, or None."""
         limits = self.problem.limits.only([joint])
         order = 3 if limits.smooth[0] >= 2 else 2
         program = JointProgram(

@@ -3,10 +3,10 @@
     found = smoothness(problem, trajectory)
     print(found.jerk_integral, found.acceleration_integral)
 
-One definition (docs/mathematics.md, section 12): summed over the joints where all joints have one
-unit. With both rad and m each joint is divided by its acceleration limit first. A derivative that
-jumps has an infinite integral of the next one's square. Before and after the motion the robot
-rests, so that a motion that starts with full acceleration jumps too.
+The integrals (docs/mathematics.md, section 12) are sums over the joints, if all joints have one
+unit. With both rad and m each joint is first divided by its acceleration limit. Where a derivative
+jumps, the integral of the next one's square is infinite. The robot rests before and after the
+motion, so acceleration also jumps where a motion starts with full acceleration.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import Certificate, certified
 
-# All jumps of a joint's derivative together, relative to its scale: what rounding leaves. The
-# scale is the joint's limit times the largest use of a limit by any joint, so that neither a
-# dilation nor a joint that hardly moves changes the answer.
+# If all jumps of a joint's derivative together are smaller than this, they are rounding. They count
+# relative to the joint's limit times the largest use of a limit by any joint. So neither a dilation
+# nor a joint that hardly moves changes the answer.
 JUMP_RTOL = 1e-6
 JUMPING = ("position", "velocity", "acceleration")
 """The derivatives that may jump, by order."""
@@ -56,8 +56,8 @@ class Smoothness:
             where joints have both units. Infinite where a velocity or an acceleration jumps.
         acceleration_integral: The same of acceleration: rad²/s³ (m²/s³), or s. Infinite where a
             velocity jumps.
-        jerk_rms_sum: `Σ √(∫ jerk² dt / duration)`, rad/s³ (m/s³), or 1/s: what some papers add up.
-        jump: What jumps first: position, then velocity, then acceleration; None if nothing does.
+        jerk_rms_sum: `Σ √(∫ jerk² dt / duration)`, rad/s³ (m/s³), or 1/s, as in some papers.
+        jump: The largest jump of the lowest derivative that jumps; None if none does.
     """
 
     jerk_integral: float
@@ -79,7 +79,7 @@ class Smoothness:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: an infinite integral is null, and `jump` says why."""
+        """Return the integrals for JSON; an infinite one is null, and `jump` gives the reason."""
         table: dict[str, Any] = {}
         for name in ("jerk_integral", "acceleration_integral", "jerk_rms_sum"):
             value = getattr(self, name)
@@ -101,9 +101,9 @@ class FrontPoint:
 
     Attributes:
         duration: s.
-        value: Its integral, as `Smoothness` has it: of the best motion found.
-        lower: No motion of this duration has a smaller one, as is proved; None if nothing is.
-        trajectory: Keeps every limit.
+        value: The integral of the best motion found, in the units of `Smoothness`.
+        lower: Proved lower bound on the integral of any motion of this duration; None without one.
+        trajectory: The best motion found; it keeps every limit.
     """
 
     duration: float
@@ -113,10 +113,10 @@ class FrontPoint:
 
 
 def weights(problem: Problem) -> Array:
-    """Return what each joint's squares are multiplied by, `(joints,)`.
+    """Return the factor on each joint's squares, `(joints,)`.
 
-    One, where all joints have one unit; else `1/A²`, `A` the smaller side of the acceleration
-    limit.
+    It is 1 where all joints have one unit. Otherwise it is `1/A²`, where `A` is the smaller side of
+    the joint's acceleration limit.
     """
     if len({problem.unit(joint) for joint in range(problem.joints)}) == 1:
         return np.ones(problem.joints)
@@ -157,7 +157,7 @@ def smoothness(problem: Problem, trajectory: Trajectory) -> Smoothness:
 def of_certified(
     problem: Problem, trajectory: Trajectory, certificate: Certificate
 ) -> Smoothness | None:
-    """Return the integrals of a motion, slowed down as far as it needs; None with a flaw."""
+    """Return the integrals of the certified motion; None where the given one has a flaw."""
     if not certificate.valid:
         return None
     if certificate.dilation > 1 and not problem.route.dilatable:
@@ -167,7 +167,7 @@ def of_certified(
 
 
 def _squared(trajectory: Trajectory, order: int) -> Array:
-    """The integral of the squared derivative, `(joints,)`: Gauss's rule, exact for polynomials."""
+    """Return ∫ derivative² dt, `(joints,)`, by Gauss's rule, which is exact for polynomials."""
     unit_pieces = trajectory.pieces(order)
     nodes, shares = np.polynomial.legendre.leggauss(len(unit_pieces))
     values = polynomials.evaluate(unit_pieces[:, None], (0.5 * (1 + nodes))[:, None, None])
@@ -177,7 +177,7 @@ def _squared(trajectory: Trajectory, order: int) -> Array:
 
 
 def _jump(problem: Problem, trajectory: Trajectory, order: int) -> Jump | None:
-    """The largest jump of a derivative; None if all jumps of each joint together are rounding."""
+    """Return the largest jump of a derivative; None if all jumps together are rounding."""
     pieces = trajectory.pieces(order)
     starts, stops = pieces[-1], pieces.sum(axis=0)
     route = problem.route
@@ -186,7 +186,7 @@ def _jump(problem: Problem, trajectory: Trajectory, order: int) -> Jump | None:
         still = np.stack([starts[0], stops[-1]])
     else:
         still = np.stack([route.start[order - 1], route.end[order - 1]])
-        if "closed" in route.demands:  # it goes on as it began
+        if "closed" in route.demands:  # a closed motion is continued by itself
             still = np.stack([stops[-1], starts[0]])
         known = problem.limits.in_all_segments()
         limit = np.abs((known.velocity, known.acceleration)[order - 1]).min(axis=1)

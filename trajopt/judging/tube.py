@@ -1,17 +1,18 @@
-"""Does a motion within a tube of positions keep its limits? One joint, one linear program.
+"""Find the motion of one joint within a tube of positions that uses the least of its limits.
 
 The joint is known to be within `half` of its positions at given times. The unknown is a spline of
-degree r, the order of the highest limit, with B-spline coefficients in
+degree r, the order of the highest limit. A linear program chooses its B-spline coefficients:
 
     min s   with   |q(t_i) − q_i| ≤ d_i,   s low_k ≤ each coefficient of q⁽ᵏ⁾ ≤ s high_k
 
-Velocities that were logged are further conditions |q′(y_l) − v_l| ≤ e_l, and the velocity's limits
-may depend on the time: a coefficient's is that at its Greville point.
+Logged velocities are further conditions |q′(y_l) − v_l| ≤ e_l. Velocity limits may depend on the
+time; a coefficient's limit is then that at its Greville point.
 
-Coefficients bound a derivative, and those of the two highest ones are its values at knots. So the
-spline is a motion that uses `high` = s of its limits. The program's multipliers prove that every
-motion uses at least `low` of them (`trajopt.judging.tube_proof`). The two differ where the best
-motion switches within a piece: knots there close the gap.
+A derivative stays within the range of its coefficients. Those of the two highest derivatives are
+values at knots. So the spline is a motion that uses the share `high` = s of its limits. The
+program's multipliers prove that every motion uses at least the share `low`
+(`trajopt.judging.tube_proof`). The two differ where the best motion has a switching time within a
+piece. More knots there close this gap.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ Rates = Callable[[Array], tuple[Array, Array]]
 BROKEN_RTOL = 1e-9
 """A bound above 1 + this share counts as a proof that a limit is broken."""
 
-_MAX_ITERATIONS = 90  # of the interior-point method
+_MAX_ITERATIONS = 90  # interior-point iterations
 _MAX_SHORT_STEPS = 3
-_GAP_RTOL = 1e-7  # of the interior-point method, relative to s
-_MAX_ROUNDS = 8  # of knots added
+_GAP_RTOL = 1e-7  # complementarity gap of the interior-point method, relative to s
+_MAX_ROUNDS = 8  # rounds of adding knots
 _ROUNDS_RTOL = 1e-6  # gap between low and high that ends the rounds
-_NEAREST_SHARE = 0.02  # of the shortest step between samples: knots are no nearer
-_TUBE_RTOL = 1e-9  # of a half width, by which a solution may leave the tube, beside rounding
+_NEAREST_SHARE = 0.02  # least distance of knots, relative to the shortest step between samples
+_TUBE_RTOL = 1e-9  # excess over the tube that is allowed beside rounding, relative to a half width
 _SUPPORT_SHARES = (0.0, 1e-8, 1e-5)  # smaller multipliers at the ends of a proof are left out
 
 
@@ -51,10 +52,10 @@ class TubeAnswer:
 
     Attributes:
         low: Every motion within the tube uses at least this share of the limits.
-        high: The motion uses this share; infinite where none was found.
-        degree: Of the motion: r.
+        high: Share that the motion found uses; infinite where none was found.
+        degree: Degree r of the motion.
         knots, coefficients: The motion as a B-spline, rad and s.
-        proof: Of `low`; None where it is 0.
+        proof: The proof of `low`; None where it is 0.
     """
 
     low: float
@@ -65,14 +66,14 @@ class TubeAnswer:
     proof: TubeProof | None
 
     def spline(self) -> BSpline:
-        """The motion as SciPy's B-spline."""
+        """Return the motion as SciPy's B-spline."""
         from scipy.interpolate import BSpline
 
         return BSpline(self.knots, self.coefficients, self.degree)
 
     @property
     def span(self) -> tuple[float, float]:
-        """The times, s, between which the proof of `low` lives."""
+        """Return the first and the last time, s, whose samples the proof of `low` uses."""
         times = self.knots if self.proof is None else self.proof.times
         return float(times[0]), float(times[-1])
 
@@ -101,10 +102,10 @@ def tube(
         limits: Of the derivatives of order 1 to r = 2 or 3, `(low, high)`, low < 0 < high; the
             last is finite, the others may be infinite.
         rest: Whether derivatives below order r are zero at both ends.
-        rounds: How often knots are added at most. The rounds end when both numbers are on the same
-            side of 1, or equal.
-        readings: Velocities that are known too.
-        rates: The velocity's limits where they depend on the time.
+        rounds: Largest number of rounds of adding knots. They end when `low` and `high` are on the
+            same side of 1, or equal.
+        readings: Logged velocities.
+        rates: Velocity limits that depend on the time.
     """
     at_ends = np.isin(readings.times, times[[0, -1]])
     if rest and at_ends.any():
@@ -140,7 +141,7 @@ def tube(
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """What `tube` is given."""
+    """The arguments of `tube`."""
 
     times: Array
     positions: Array
@@ -151,7 +152,7 @@ class _Program:
     rates: Rates | None
 
     def bounds(self, order: int, points: Array) -> tuple[Array, Array]:
-        """The limits of a derivative at points, low and high; order 1 is the velocity."""
+        """Return the limits of a derivative at some times, low and high; order 1 is velocity."""
         if order == 1 and self.rates is not None:
             return self.rates(points)
         low, high = self.limits[order - 1]
@@ -167,7 +168,7 @@ def slope(times: Array, positions: Array, half: Array, limit: Limit) -> tuple[fl
     low, high = limit
     share, where = 0.0, (0, len(times) - 1)
     while True:
-        # The earlier sample that limits each later one most, upwards and downwards.
+        # The pairs of samples that need the steepest rise and the steepest fall.
         found = [
             _steepest(times, positions - half, positions + half, share * high, high),
             _steepest(times, -positions - half, -positions + half, -share * low, -low),
@@ -181,7 +182,7 @@ def slope(times: Array, positions: Array, half: Array, limit: Limit) -> tuple[fl
 def _steepest(
     times: Array, lowest: Array, highest: Array, rate: float, limit: float
 ) -> tuple[float, tuple[int, int]]:
-    """The rise that a rate allows least: its share of the limit, and the two samples."""
+    """Return the pair of samples that exceeds a rate most: its share of the limit, its indices."""
     start = highest - rate * times
     earlier = np.minimum.accumulate(start)
     later = int(np.argmax(lowest[1:] - rate * times[1:] - earlier[:-1])) + 1
@@ -191,10 +192,10 @@ def _steepest(
 
 
 def _resolved(program: _Program) -> Array:
-    """Knots at samples, no nearer than the tube can tell apart; perhaps between them.
+    """Return the first knots: at samples, but no closer than the tube's width resolves.
 
-    Between samples where acceleration is the highest limit, or where velocities are known too, as
-    they are one more condition a sample.
+    Where samples are far apart there are knots in the middle too, if acceleration is the highest
+    limit or velocities were logged.
     """
     times, readings, limits = program.times, program.readings, program.limits
     r = len(limits)
@@ -217,7 +218,7 @@ def _resolved(program: _Program) -> Array:
 
 
 def _solved(program: _Program, breaks: Array) -> TubeAnswer:
-    """Solve the program for these knots."""
+    """Return the answer of the program with these knots."""
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_array, vstack
 
@@ -247,7 +248,7 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
         shape = (len(column), column[-1] + 1)
         ones = np.ones(len(column))
         matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
-    filled = np.diff(matrix.indptr) > 0  # coefficients that are equal have no difference
+    filled = np.diff(matrix.indptr) > 0  # equal coefficients have an empty row of differences
     rows = _Rows(matrix[filled])
     upper, lower = np.concatenate(up)[filled], np.concatenate(down)[filled]
     limited = upper > 0
@@ -255,7 +256,7 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
         return TubeAnswer(0.0, np.inf, r, knots, np.zeros(len(column)), None)
     right = np.zeros((2, len(upper)))
     right[:, :count] = 1 + known, 1 - known
-    # The initial guess follows the positions, and bends little.
+    # The initial guess is a least-squares fit to the positions with small derivatives.
     try:
         x = rows.fitted(count, known, np.where(limited, 1e-6, 1.0))
     except (np.linalg.LinAlgError, ValueError):  # beyond the range of floats
@@ -292,7 +293,10 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
 
 
 def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
-    """The best bound of a proof or of its part with large multipliers, which rounds less."""
+    """Return the best bound: of the whole proof, or of its part with the large multipliers.
+
+    The part has smaller rounding errors.
+    """
     best: tuple[float, TubeProof | None] = (0.0, None)
     readings = whole.readings
     known = np.concatenate([whole.times, readings.times])
@@ -339,7 +343,7 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
 
 
 def _levels(knots: Array, degree: int) -> list[tuple[Any, Array]]:
-    """The matrix to each derivative's coefficients, and these coefficients' Greville points."""
+    """Return, for each derivative, the matrix of its coefficients and their Greville points."""
     from scipy.sparse import csr_array
 
     matrix, found = None, []
@@ -367,7 +371,7 @@ class _Rows:
 
     Attributes:
         matrix: M.
-        sizes: Its absolute values.
+        sizes: Absolute values of its entries.
     """
 
     def __init__(self, matrix: Any) -> None:
@@ -393,22 +397,22 @@ class _Rows:
                 self._products.append((i, j, (dense[i] * dense[j])[self._order]))
 
     def forth(self, x: Array) -> Array:
-        """`[M; −M] x`."""
+        """Return `[M; −M] x`."""
         found = self.matrix @ x
         return np.concatenate([found, -found])
 
     def back(self, y: Array) -> Array:
-        """`[M; −M]ᵀ y`."""
+        """Return `[M; −M]ᵀ y`."""
         half = len(y) // 2
         found: Array = self._turned @ (y[:half] - y[half:])
         return found
 
     def rounding(self, x: Array) -> float:
-        """By how much a row of `M x` may be rounded, and a little more."""
+        """Return the allowed error of a row of `M x`: its rounding and `_TUBE_RTOL`."""
         return _TUBE_RTOL + 1e-15 * float((self.sizes @ np.abs(x)).max())
 
     def fitted(self, count: int, values: Array, weights: Array) -> Array:
-        """The x whose first rows come near to values, by weighted least squares."""
+        """Return the weighted least-squares solution of `M x = values` in the first rows."""
         from scipy.linalg import cho_solve_banded, cholesky_banded
 
         factor = (cholesky_banded(self.normal(weights), lower=True), True)
@@ -416,7 +420,7 @@ class _Rows:
         return found
 
     def normal(self, weights: Array) -> Array:
-        """The lower band of `matrixᵀ diag(weights) matrix`."""
+        """Return the lower band of `Mᵀ diag(weights) M`."""
         own = weights[self._order]
         band = np.zeros((self._width, self._columns))
         for i, j, product in self._products:
@@ -426,7 +430,7 @@ class _Rows:
 
 
 def _dot(left: Array, right: Array) -> float:
-    """The inner product, without BLAS: its threads cost more than they bring at these lengths."""
+    """Return the inner product without BLAS, whose threads cost more than they save here."""
     return float((left * right).sum())
 
 
@@ -435,9 +439,9 @@ class _Newton:
     """The Newton equations of one iterate, factored.
 
     Attributes:
-        rows, u: Of the program.
+        rows, u: The program, see `_interior_point`.
         w, y: Slacks and multipliers, the upper sides before the lower ones.
-        primal, dual, dual_s: Residuals.
+        primal, dual, dual_s: Residuals, the last one of the variable s.
     """
 
     rows: _Rows
@@ -458,7 +462,7 @@ class _Newton:
 
     @cached_property
     def _border(self) -> tuple[Array, Array, float]:
-        """The column of s, that column solved, and what is left in the corner."""
+        """The column of s, its solution with the band, and the Schur complement of s."""
         from scipy.linalg import cho_solve_banded
 
         theta = self.y / self.w
@@ -467,7 +471,7 @@ class _Newton:
         return column, solved, _dot(column, solved) - _dot(theta, self.u**2)
 
     def direction(self, complement: Array) -> tuple[Array, float, Array, Array]:
-        """The steps of x, s, w and y that make the products w y these."""
+        """Return the steps of x, s, w and y for target products `w y`."""
         from scipy.linalg import cho_solve_banded
 
         column, solved, corner = self._border
@@ -515,6 +519,6 @@ def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, A
 
 
 def _longest(values: Array, steps: Array) -> float:
-    """The longest step, at most 1, that leaves no value negative."""
+    """Return the longest step, at most 1, that keeps every value from becoming negative."""
     falls = steps < 0
     return min(1.0, float(np.min(-values[falls] / steps[falls], initial=np.inf)))

@@ -18,8 +18,8 @@ A motion that uses the share s of its limits makes the right side at most s time
     Σ max(high_k μ_kj, low_k μ_kj) + ∫ max(high_r g, low_r g) dx                              (3)
 
 and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i − Σ ν_l v_l − Σ |ν_l| e_l`. So s
-is at least gain / cost. Above 1, no motion keeps the limits. Nothing of whoever found the numbers
-is trusted.
+is at least gain / cost. If that is above 1, no motion keeps the limits. The proof does not depend
+on how the numbers were found.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from trajopt.core.arrays import Array, Bools
 Limit = tuple[float, float]
 """Low and high; infinite where a derivative has no limit."""
 
-_LOST_SHARE = 1e-7  # of a piece's area: a root that loses less is not worth a break
+_LOST_SHARE = 1e-7  # share of a piece's area: a root that changes it by less gets no break
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Velocities that are known within half widths, `(readings,)` each.
+    """Logged velocities with half widths, `(readings,)` each.
 
     Attributes:
         times: s.
@@ -54,7 +54,7 @@ class Readings:
     half: Array
 
     def of(self, index: Bools) -> Readings:
-        """Some of them, by a mask."""
+        """Return some of them, by a mask."""
         return Readings(self.times[index], self.values[index], self.half[index])
 
 
@@ -75,8 +75,7 @@ class TubeProof:
         roots: Times at which g changes its sign within a piece.
         readings: `y_l`, `v_l` and `e_l`.
         of_readings: `ν_l`, `(readings,)`.
-        velocity: Limits of the velocity at the times `x_1j`, low and high; by default the constant
-            ones.
+        velocity: Velocity limits at the times `x_1j`, low and high; by default those of `limits`.
     """
 
     limits: Sequence[Limit]
@@ -91,7 +90,7 @@ class TubeProof:
     velocity: tuple[Array, Array] | None = None
 
     def bounds(self, order: int) -> tuple[Array, Array]:
-        """The limits of a derivative below r at its times `x_kj`, low and high."""
+        """Return the limits of a derivative of order below r at its times `x_kj`, low and high."""
         if order == 1 and self.velocity is not None:
             return self.velocity
         low, high = self.limits[order - 1]
@@ -100,7 +99,7 @@ class TubeProof:
 
 
 def proved(proof: TubeProof) -> Fraction:
-    """Return the bound on s in rational numbers; a polynomial's contribution is paid for too."""
+    """Return the bound on s in rational numbers; contributions of polynomials add to the cost."""
     r = len(proof.limits)
     zero = Fraction(0)
     t, q, d, multipliers = map(
@@ -108,7 +107,7 @@ def proved(proof: TubeProof) -> Fraction:
     )
     limits = [_exact(limit) if np.isfinite(limit[1]) else None for limit in proof.limits]
     low, high = _exact(proof.limits[-1])
-    # What a time adds to the derivatives r−1, r−2, … of g, from the last time to the first.
+    # Jumps of the derivatives r−1, r−2, … of g at each time, from the last time to the first.
     events: dict[Fraction, list[Fraction]] = {}
     own = [(_exact(points), _exact(values)) for points, values in proof.derivatives]
     readings = proof.readings
@@ -141,7 +140,7 @@ def proved(proof: TubeProof) -> Fraction:
     known = [*zip(multipliers, q, d, strict=True), *zip(of_readings, v, e, strict=True)]
     for multiplier, value, width in known:
         gain -= multiplier * value + abs(multiplier) * width
-    # What is left at the first time multiplies the motion's derivatives there.
+    # The rest of g before the first time multiplies the motion's derivatives there.
     gain -= abs(g[r - 1]) * (abs(q[0]) + d[0])
     for order in range(1, r):
         rest = abs(g[r - 1 - order])
@@ -165,8 +164,8 @@ def _exact(values: Array | Limit) -> list[Fraction]:
 def bound(proof: TubeProof) -> tuple[float, TubeProof]:
     """Return the bound on s in floats, and the proof with its roots and mended multipliers.
 
-    The solver's multipliers let polynomials contribute a little: r of them are changed so that g
-    vanishes before the first time.
+    With the solver's multipliers polynomials contribute a little. So r of the multipliers are
+    changed, which makes g vanish before the first time.
     """
     r = len(proof.limits)
     multipliers = _mended(proof)
@@ -200,7 +199,7 @@ def _delayed(values: Array) -> Array:
 
 
 def _mended(proof: TubeProof) -> Array:
-    """The multipliers, r of them changed so that polynomials of degree below r contribute none."""
+    """Return the multipliers, r of them changed: polynomials of degree below r contribute 0."""
     r = len(proof.limits)
     times = proof.times
     centre, unit = times.mean(), np.ptp(times)
@@ -228,7 +227,7 @@ def _mended(proof: TubeProof) -> Array:
 def _area(
     c: Array, b: Array, a: Array, gaps: Array, when: Array, limit: Limit
 ) -> tuple[float, Array]:
-    """Integrate max(high g, low g) over pieces g = c + b x + a x², `x` from 0 to its gap.
+    """Integrate max(high g, low g) over pieces g = c + b x + a x², with `x` from 0 to `gap`.
 
     Returns:
         The integral, and the times of the roots within pieces.

@@ -1,8 +1,8 @@
 """The exact judge: true peaks from polynomial roots, every miss, and the certified duration.
 
-Nothing is sampled, and nothing is tolerated (docs/mathematics.md, sections 2 and 7). A trajectory
-whose misses and jumps are within tolerance is repaired exactly, and the repaired one is judged.
-Every limit of the problem is asked for its worst use (`trajopt.core.limits`); none is known here.
+Nothing is sampled (docs/mathematics.md, sections 2 and 7). A trajectory whose misses and jumps are
+within tolerance is repaired exactly, and the repaired one is judged. Every limit of the problem
+computes its own worst use (`trajopt.core.limits`); this module names no kind of limit.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from trajopt.judging.passing import within_tolerance
 from trajopt.judging.repair import repaired
 
 _JUDGED = (*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance")
-GIVEN_RTOL = 1e-9  # of a given time of a segment, relative: its rounding
-KEPT_RTOL = 1e-12  # rounding of a limit that a motion which cannot be dilated may use
-NEARLY_FEASIBLE_RTOL = 1e-3  # of a dilation that rounding and tolerances of solvers may need
+GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative, is rounding
+KEPT_RTOL = 1e-12  # a smaller excess of a motion that cannot be dilated, relative, is rounding
+NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 
 
@@ -39,13 +39,15 @@ class Tolerance:
     a flaw.
 
     Attributes:
-        limit: for velocity, acceleration and jerk to count as kept, relative.
-        position: of waypoints and jumps of position, relative to the joint's largest displacement.
-        position_limit: relative to the joint's largest displacement.
-        jump: of velocity and acceleration at the breaks, relative to what the joint can reach:
-            `min(V, sqrt(A h))` and `min(A, cbrt(J² h))`, `h` its largest displacement.
-        bridge: s. A jump that the next limit makes within this time is repaired too, whatever the
-            others say: `V` times it of position, `A` of velocity, `J` of acceleration.
+        limit: excess over velocity, acceleration and jerk limits that counts as none, relative.
+        position: misses of waypoints and jumps of position, relative to the joint's largest
+            displacement.
+        position_limit: excess over a position limit, relative to the joint's largest displacement.
+        jump: jumps of velocity and acceleration at the breaks, relative to the largest values that
+            the joint can reach in its largest displacement `h`: `min(V, sqrt(A h))` and
+            `min(A, cbrt(J² h))`.
+        bridge: s. A jump is also repaired if it is smaller than the change that the next limit
+            allows in this time: `V` times it for position, `A` for velocity, `J` for acceleration.
     """
 
     limit: float = 1e-6
@@ -60,7 +62,7 @@ class Worst:
     """The worst miss of a waypoint, or the worst jump.
 
     Attributes:
-        value: an error in SI units, of the derivative of that `order`.
+        value: in SI units of the derivative of this `order`.
         joint: counted from 0.
         time: s.
         order: of the derivative that jumps.
@@ -76,20 +78,20 @@ class Worst:
 class Certificate:
     """The result of `verify`.
 
-    Uses of limits are those of the repaired trajectory, or of the given one where it is beyond
-    repair; `waypoint`, `continuity` and uses that are no ratios (of position limits) are the given
-    one's.
+    Uses of limits are measured on the repaired trajectory, or on the given one where no repair is
+    possible. `waypoint`, `continuity` and the uses of position limits are measured on the given
+    one.
 
     Attributes:
         duration: of the given trajectory, s.
-        dilation: the exact cheapest factor `k` that brings the trajectory within its limits
-            (section 2); below 1, it could be faster. Infinite where none does.
-        uses: the worst use of each limit of the problem that is judged, by its key.
+        dilation: the least factor `k` that brings the trajectory within its limits (section 2).
+            Below 1, the trajectory could be faster. Infinite where no factor does.
+        uses: the worst use of each limit that is judged, by its key.
         flaws: errors that neither repair nor dilation can remove, in words. With a flaw there is no
             certified duration.
         tolerance: the tolerance used.
-        least_times: the least time of a segment over the time it takes, the largest of all
-            segments, and when that begins; None where no least times are asked for.
+        least_times: least time over time taken, for the segment where this is largest, and when
+            that segment begins; None where the problem has no least times.
     """
 
     duration: float
@@ -107,22 +109,22 @@ class Certificate:
 
     @property
     def acceleration(self) -> Use | None:
-        """The worst use of the acceleration limits; None where they are not judged."""
+        """Return the worst use of the acceleration limits; None where they are not judged."""
         return self.uses.get("acceleration")
 
     @property
     def jerk(self) -> Use | None:
-        """The worst use of the jerk limits; None where there are none."""
+        """Return the worst use of the jerk limits; None where there are none."""
         return self.uses.get("jerk")
 
     @property
     def position(self) -> Use | None:
-        """The worst excess over the position limits, rad; below 0 it is a margin."""
+        """Return the worst excess over the position limits, rad; below 0 it is a margin."""
         return self.uses.get("position")
 
     @property
     def ratios(self) -> dict[str, Use]:
-        """Every use that is a ratio, 1 at the limit, by its key: those of limits, least times."""
+        """Return every use that is a ratio, 1 at the limit, by its key; also of least times."""
         found = {key: use for key, use in self.uses.items() if KINDS[key].is_ratio}
         if self.least_times is not None:
             found["least_times"] = self.least_times
@@ -140,7 +142,10 @@ class Certificate:
 
     @property
     def nearly_feasible(self) -> bool:
-        """Return whether a solver planned for all limits: an answer that ignores one needs more."""
+        """Return whether the dilation is within the tolerances of solvers.
+
+        A planner that ignores a limit usually needs more.
+        """
         return self.valid and self.dilation <= 1 + NEARLY_FEASIBLE_RTOL
 
     @property
@@ -160,9 +165,9 @@ class Certificate:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: joints count from 1, limits give a `ratio`, misses an `error`.
+        """Return the certificate for JSON: joints count from 1; a `ratio` or an `error` each.
 
-        None where the problem has no such limit of each joint, or it is not judged.
+        A kind of limit is None where the problem does not have it, or it is not judged.
         """
         table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
         for key in dict.fromkeys((*LIMIT_NAMES, *self.uses)):
@@ -194,9 +199,9 @@ def verify(
         problem: Of as many joints and waypoints as the trajectory has.
         trajectory: The motion.
         tolerance: The largest misses and jumps that are repaired.
-        unjudged: Keys of limits that do not count.
-        at_rest: False for a motion that was cut at its ends: these may move, and its exact peaks
-            alone are judged, without repair.
+        unjudged: Keys of limits that are not judged.
+        at_rest: False for a motion that was cut out of a longer one: its ends may move. Then only
+            its exact peaks are judged, without repair.
 
     Raises:
         WrongType: It is no `Trajectory`, or the first argument no `Problem`.
@@ -210,11 +215,11 @@ def verify(
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
-    """The trajectory that has the certified duration.
+    """Return the trajectory that has the certified duration; None where the given one has a flaw.
 
-    It is repaired where the given one missed or jumped within tolerance, and dilated where it then
-    breaks a limit; where it is to begin or end in motion, it is the least slower one that is found
-    (`judging.slower`). None where the given one has a flaw.
+    Misses and jumps within tolerance are repaired. If it then breaks a limit it is dilated. Where
+    the route begins or ends in motion, it is instead the fastest of the slower motions that
+    `judging.slower` finds.
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -227,9 +232,10 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
 
 
 def _counted(problem: Problem) -> Problem:
-    """The problem in which a segment between equal waypoints has the limits of the next one.
+    """Return the problem whose segments between equal waypoints have the next segment's limits.
 
-    Its own ask nothing (`Problem.merged`). Those between boxes that one instant passes count.
+    Such a segment takes no time, and its own limits have no effect (`Problem.merged`). With a
+    tolerance, waypoints that differ may be passed at one instant; these limits do count.
     """
     if problem.limits.segments is None:
         return problem
@@ -273,10 +279,10 @@ def _judged(
     at_rest: bool = True,
     begins: float = 0.0,
 ) -> tuple[Certificate, Trajectory]:
-    """The certificate, and the trajectory that has its peaks: repaired, if that is possible.
+    """Return the certificate, and the trajectory that was judged: repaired, if possible.
 
-    Where the route cannot be dilated it is the motion that has the certified duration. Flaws name
-    times since `begins`, s, before the trajectory's start.
+    Where the route cannot be dilated, it is the motion that has the certified duration. Times in
+    flaws are counted from `begins`, s, earlier than the trajectory's start.
     """
     problem = within_tolerance(problem, trajectory)
     if at_rest and "dwell" in problem.demands:
@@ -308,7 +314,7 @@ def _judged(
         use = problem.limits.worst(key, judged if limit.is_ratio else trajectory)
         uses[key] = use
         needed = limit.dilation(use)
-        dilation = float(np.maximum(dilation, needed))  # what is not a number stays so
+        dilation = float(np.maximum(dilation, needed))  # NaN stays NaN
         later = use._replace(time=use.time + begins)
         flaw = limit.flaw(later, allowed.position_limit, problem)
         if flaw:
@@ -356,7 +362,7 @@ def _judged(
 def keeping(
     problem: Problem, trajectory: Trajectory, unjudged: Collection[str] = ()
 ) -> Trajectory | None:
-    """Return the motion repaired, if it then keeps every limit but for rounding; else None."""
+    """Return the repaired motion if it keeps every limit up to rounding; else None."""
     motion = repaired(problem, trajectory)
     if motion is None:
         return None
@@ -372,7 +378,7 @@ def keeping(
 
 
 def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
-    """The sentence of a motion that breaks a limit, and has no slower one with its end states."""
+    """Return the flaw of a motion that breaks a limit, if no slower one is found."""
     kinds = problem.limits.kinds
     key = max(uses, key=lambda key: kinds[key].dilation(uses[key]))
     use = uses[key]
@@ -382,12 +388,12 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
     ends = [name for name in ("start", "end") if any(map(np.any, getattr(problem.route, name)))]
     return (
         f"{where(use, problem)}: {KINDS[key].name()} {KINDS[key].amount(use, problem)}, and no "
-        f"slower motion keeps the {' and '.join(ends)} velocity"
+        f"slower motion was found that keeps the {' and '.join(ends)} velocity"
     )
 
 
 def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> list[str]:
-    """The sentence of the segment whose time differs most from the given one, if one does."""
+    """Return a flaw about the segment whose time differs most from its given time, if any does."""
     given = problem.demands["given_times"]
     taken = np.diff(trajectory.waypoint_times)
     worst = int(np.abs(taken / given - 1).argmax())
@@ -398,7 +404,7 @@ def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> lis
 
 
 def _least_times(problem: Problem, trajectory: Trajectory) -> Use | None:
-    """The largest least time of a segment over the time that it takes."""
+    """Return the largest ratio of a segment's least time to the time that it takes."""
     if "least_times" not in problem.demands:
         return None
     least = problem.demands["least_times"]
@@ -410,10 +416,10 @@ def _least_times(problem: Problem, trajectory: Trajectory) -> Use | None:
 def _judged_in_parts(
     problem: Problem, trajectory: Trajectory, tolerance: Tolerance, unjudged: Collection[str]
 ) -> tuple[Certificate, Trajectory]:
-    """The certificate of a motion with waits: that of its parts, each from rest to rest.
+    """Return the certificate of a motion with waits, made of those of its parts.
 
-    Slowed down, it waits longer, which is allowed. Where it is to begin or end in motion, each part
-    is slowed down by itself.
+    A dilation also makes the waits longer, which is allowed. Where the route begins or ends in
+    motion, each part is slowed down by itself.
     """
     allowed = _allowed(problem, trajectory.duration, tolerance)
     parts = dwell.cut(problem, trajectory)
@@ -462,7 +468,7 @@ def _judged_in_parts(
 
 
 def _later(certificate: Certificate, begins: float) -> Certificate:
-    """The certificate of a part, its times counted from the start of the whole motion."""
+    """Return a part's certificate with times counted from the start of the whole motion."""
     at = certificate.least_times
     return replace(
         certificate,
@@ -474,7 +480,7 @@ def _later(certificate: Certificate, begins: float) -> Certificate:
 
 
 def _worst_leave(problem: Problem, rest: dwell.Part, allowed: Array) -> tuple[Worst, float]:
-    """How far a motion leaves a waypoint while it should rest there, and over what is allowed."""
+    """Return how far a motion leaves the waypoint of a wait, and its ratio to the allowed miss."""
     away = np.array(rest.motion.pieces())
     away[-1] -= problem.waypoints[rest.first]
     flat = away.reshape(len(away), -1)
@@ -486,10 +492,12 @@ def _worst_leave(problem: Problem, rest: dwell.Part, allowed: Array) -> tuple[Wo
 
 @dataclass(frozen=True)
 class _Allowed:
-    """The largest misses and jumps of each joint that are repaired, `(joints,)` each.
+    """The largest errors of each joint that are repaired, `(joints,)` each.
 
     Attributes:
-        waypoint, position_limit, blur: rad.
+        waypoint: miss of a waypoint, rad.
+        position_limit: excess over a position limit, rad.
+        blur: rounding of the position from terms that cancel, rad.
         jumps: of position, velocity and acceleration: rad, rad/s, rad/s².
     """
 
@@ -511,7 +519,7 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
     root = np.cbrt(J)
     from_jerk = root**2 * np.cbrt(largest)
     reached_acceleration = np.minimum(A, from_jerk)
-    # Breaks are rounded, which moves each derivative by as much as it changes meanwhile.
+    # Breaks are rounded. Each derivative may change by its own rate during that time.
     rounded = BREAK_TIME_RTOL * duration
     position_jump = tolerance.position * largest + coordinates + rounded * V
     velocity_jump = tolerance.jump * reached_velocity + rounded * A
@@ -531,7 +539,7 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
 
 
 def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
-    """The worst miss of a waypoint, and its size over what is allowed."""
+    """Return the worst miss of a waypoint, and its ratio to the allowed miss."""
     passed = trajectory(trajectory.waypoint_times)
     errors = np.abs(passed - problem.waypoints)
     return _worst_of(errors, allowed, trajectory.waypoint_times)
@@ -540,10 +548,10 @@ def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tup
 def _worst_jump(
     problem: Problem, trajectory: Trajectory, order: int, allowed: Array, at_rest: bool
 ) -> tuple[Worst, float]:
-    """The worst jump of a derivative at any break, and its size over what is allowed.
+    """Return the worst jump of a derivative at a break, and its ratio to the allowed jump.
 
-    Before and after the motion the robot is at its first and last waypoint, in the states that the
-    route asks, if `at_rest`; in those of the end and the start where the motion is closed.
+    If `at_rest`, the robot is at its first and last waypoint before and after the motion, in the
+    states that the route demands. A closed motion is continued by itself.
     """
     unit = trajectory.pieces(order)
     route = problem.route
@@ -563,15 +571,21 @@ def _worst_jump(
 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
-    """The largest rounding of a joint's position, and its size over what is allowed."""
+    """Return the largest rounding of a joint's position, and its ratio to the allowed one."""
     rounding = polynomials.evaluation_rounding(trajectory.pieces())
     return _worst_of(rounding, allowed, trajectory.breaks)
 
 
 def _worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tuple[Worst, float]:
-    """The error `(times, joints)` that is worst beside what is allowed `(joints,)`, and that ratio.
+    """Return the error with the largest ratio to the allowed one, and that ratio.
 
-    An error that is not a number counts as infinite (`argmax` finds it).
+    An error that is NaN has an infinite ratio (`argmax` finds it).
+
+    Args:
+        errors: `(times, joints)`.
+        allowed: `(joints,)`.
+        times: of the errors, s, `(times,)`.
+        order: of the derivative.
     """
     excess = errors / allowed
     row, joint = np.unravel_index(np.argmax(excess), excess.shape)

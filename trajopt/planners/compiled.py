@@ -1,4 +1,4 @@
-"""A NumPy function of one candidate, compiled by CasADi: the same formula without NumPy's calls.
+"""Compile a NumPy function of one candidate with CasADi, without the overhead of NumPy's calls.
 
 NumPy takes about half a microsecond a call, however small its arrays, and a fitness makes hundreds
 of calls. So the function runs once on an array of CasADi's symbols, which records what it does with
@@ -7,8 +7,9 @@ them. CasADi's virtual machine then repeats that record for numbers.
     fitness = compiled(group.penalty, sample=np.array([1.2, 1.9, 1.1]))
     fitness(np.array([1.3, 1.8, 1.2]))
 
-The record has no branches: the function may use only what `_ufuncs` and `Recorded` list, and
-`np.flatnonzero` and `np.nonzero` select everything. What is selected in vain must do no harm.
+The record has no branches. The function may use only the operations of `_ufuncs` and `Recorded`.
+`np.flatnonzero` and `np.nonzero` select all entries, so a computation on entries that need none
+must not change the result.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from numpy.typing import ArrayLike
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
 
-_RTOL = 1e-9  # between the record and the function
+_RTOL = 1e-9  # largest relative difference between the record and the function
 
 
 @cache
 def _ufuncs() -> dict[Any, Any]:
-    """CasADi's functions of symbols by NumPy's of arrays; arithmetic needs none."""
+    """Return CasADi's function for each of NumPy's; arithmetic operators need none."""
     ca = backend("casadi")
     one = {
         np.absolute: ca.fabs,
@@ -90,7 +91,7 @@ class Recorded(np.ndarray):
 
 
 def _sorted(values: Any) -> Any:
-    """Values in order along the first axis: neighbours change places, in as many rounds as rows."""
+    """Return values sorted along the first axis, by a bubble sort without branches."""
     rows = list(values)
     for turn in range(len(rows)):
         for i in range(turn % 2, len(rows) - 1, 2):
@@ -113,7 +114,7 @@ def _recorded(value: Any) -> Recorded:
 def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[ArrayLike], Any]:
     """Return a function of one candidate `(variables,)` that gives what `function` gives.
 
-    It has one place for its argument: one thread at a time may call it.
+    It has one buffer for its argument, so only one thread at a time may call it.
 
     Args:
         function: Takes candidates `(n, variables)` and returns `(n,)`, or `(n, values)`; what is
@@ -121,7 +122,7 @@ def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[Arr
         sample: Any candidate, on which both must agree.
 
     Raises:
-        RuntimeError: They do not: the function does something that is not recorded.
+        RuntimeError: They differ: the function uses an operation that is not recorded.
     """
     ca = backend("casadi")
     variables = len(sample)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy  # imports its parts where they are first used
+import scipy  # loads its submodules where they are first used
 from numpy.typing import ArrayLike
 
 from trajopt.core import files
@@ -27,15 +27,15 @@ from trajopt.core.units import ANGLES
 
 _COLUMNS = ("a", "alpha", "d", "theta", "joint_range")
 _REQUIRED = sorted((*_COLUMNS, "angle_unit", "convention"))
-# Postures that the inverse begins at: the given one, then random ones.
+# Number of postures from which the inverse starts: the given one, then random ones.
 _STARTS = 40
-# No other solution is looked for than one as near to the posture as this.
+# A solution this near to the posture is accepted without a search for a nearer one.
 _NEARBY_RAD = 1.0
-# Miss of a pose that is reached: entries of the rotation, and lengths over the arm's size.
+# Largest miss of a pose that counts as reached: of rotation entries, and of lengths over arm size.
 _REACHED_RTOL = 1e-10
-# Singular values below it are 0, relative: the hand rests while the joints move that way.
+# Smaller singular values, relative, count as 0: in these directions joints move and the hand rests.
 _SINGULAR_RTOL = 1e-6
-# An angle this far outside its range is at its end.
+# An angle that is outside its range by less is at the end of the range.
 _ROUNDING_RAD = 1e-9
 # Largest entry of R Rᵀ − 1 that a rotation may have.
 _ORTHONORMAL_ATOL = 1e-6
@@ -93,7 +93,7 @@ class Robot:
         ones, by the Euclidean norm of the differences.
 
         Args:
-            pose: What the hand shall reach.
+            pose: The pose to reach.
             posture: Angles, `(joints,)`, rad; by default zero, or the end of the range nearest to
                 it.
 
@@ -141,7 +141,7 @@ def cartesian_problem(
 
 
 def _nearest(robot: Robot, pose: Array, posture: Array, key: str) -> Array:
-    """Return what `Robot.nearest` promises; `key` names the pose in errors."""
+    """Return the answer of `Robot.nearest`; `key` names the pose in errors."""
     low, high = robot.joint_range.T
     middle = np.clip(posture, low, high)
     lowest = np.maximum(low, middle - np.pi)

@@ -30,17 +30,19 @@ Fitness = Literal["penalty", "scaled"]
 CLOSED_FORM = "3-5-3"
 """The shape that is compiled."""
 
-# The box of the swarms: its upper end over the longest stop-to-stop time, its lower over its upper.
+# The box of the swarms: upper end over the longest time of a segment from rest to rest, and lower
+# end over upper end.
 UPPER = 4.0
 LOWER = 1e-3
 
 
 class Objective:
-    """The fitness of segment times, s; the optimiser is yours.
+    """The fitness of segment times, s, for any optimiser.
 
     Called with one candidate `(variables,)` it returns a number, with many `(n, variables)` an
-    array `(n,)`, s. A candidate outside the box counts as the nearest one inside, and one that is
-    not finite as infinite. One thread at a time may call it; a copy goes to other processes.
+    array `(n,)`, s. A candidate outside the box is evaluated as the nearest one inside. One that is
+    not finite has an infinite fitness. Only one thread at a time may call it; other processes get a
+    copy.
 
     Attributes:
         problem: Whose motion is timed.
@@ -49,7 +51,7 @@ class Objective:
             `scaled`: the duration once dilated to the limits.
         low, high: The box, `(variables,)`, s.
         variables: Number of times.
-        ceiling: The longest duration in the box, s: whatever is above breaks a limit.
+        ceiling: The longest duration in the box, s; a larger fitness means that a limit is broken.
         evaluations: Candidates evaluated so far; may be set.
     """
 
@@ -122,7 +124,7 @@ class Objective:
         return f"Objective({name}, shape={self.shape!r}, fitness={self.fitness!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what is compiled, so that other processes can have a copy."""
+        """Return the state without compiled functions, so that it can be copied to processes."""
         return {key: value for key, value in vars(self).items() if key != "_values"}
 
     @cached_property

@@ -49,7 +49,7 @@ class Relation(Enum):
 
 
 def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
-    """Wrap `unsupported` to refuse limits and demands that the planner does not know, too."""
+    """Wrap `unsupported` so that it also refuses unknown limits and demands."""
 
     @wraps(unsupported)
     def checked(self: Planner, problem: Problem) -> str | None:
@@ -63,8 +63,8 @@ def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
 def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap `solve` or `solve_batch` to answer `unsupported` where the planner refuses a problem.
 
-    Limits and demands that it may leave out are not shown to it; the message says which limits.
-    Anything but a `Problem` is a `WrongType` for every planner.
+    Limits and demands that it may leave out are removed from the problem; the message names the
+    limits. An argument that is no `Problem` raises `WrongType`.
     """
 
     @wraps(solve)
@@ -96,10 +96,10 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _joined(problem: Problem, parts: list[Solution]) -> Solution:
-    """Return the answer to a problem with waits from those to its parts, or the first without one.
+    """Return the answer to a problem with waits, made of the answers to its parts.
 
-    Of the statistics the durations of starts are kept, s: the shortest of every part added up, then
-    the second ones.
+    If a part has no motion, return its answer. The statistics are the durations of the starts, s:
+    the shortest of each part added up, then the second shortest.
     """
     waits = float(problem.route.demand("dwell").sum())
     motions = [part.trajectory for part in parts if part.trajectory is not None]
@@ -123,7 +123,7 @@ def _joined(problem: Problem, parts: list[Solution]) -> Solution:
 
 
 def _saying(said: Sequence[str], solution: Solution, *, relaxed: bool) -> Solution:
-    """Return the answer to the problem that a planner was shown, as one to the whole problem."""
+    """Return the answer to the planner's own problem as an answer to the whole problem."""
     message = "; ".join(filter(None, [solution.message, *said]))
     status = solution.status
     if relaxed and status is Status.SOLVED:
@@ -140,20 +140,20 @@ class Planner(ABC):
 
     Attributes:
         stochastic: True if the seed matters. If not, a comparison runs it once.
-        on_request: Whether it is left out where all planners run, unless asked for by name.
-        requires: Modules that `solve` imports, from packages that may be missing: looked for before
-            the planner is listed, and imported before its time is taken.
+        on_request: Whether it runs only if it is named, and not among all planners.
+        requires: Modules that `solve` imports, from packages that may be missing. They are searched
+            before the planner is listed, and imported before its time is measured.
         extra: The extra of this package that installs them, if there is one.
-        knows: Kinds of limits that it plans for, and demands on the way beside the waypoints, by
-            their keys. A problem with another kind is unsupported, unless that kind is `forgiven`
-            (`trajopt.core.limits.Limit`): the verifier dilates an answer that breaks it, or finds
-            it outside its position limits. A problem with another demand is unsupported, unless
-            every motion without it keeps it (`trajopt.core.demand.Demand.left_out`). "segment":
-            limits that differ from segment to segment; any other planner is shown the tightest of
-            all segments everywhere, and its message says so.
-        drops: Whether it leaves out the kinds that it does not know, whichever they are, and says
-            so: what it proves of fewer limits holds under all. It leaves out demands too, without
-            which a problem is a relaxation.
+        knows: Kinds of limits and demands that it plans for, by key. A problem with another kind of
+            limit is unsupported, unless that kind is `forgiven` (`trajopt.core.limits.Limit`): the
+            verifier then dilates or reports an answer that breaks it. A problem with another demand
+            is unsupported, unless all motions without the demand keep it
+            (`trajopt.core.demand.Demand.left_out`). The key "segment" stands for limits that differ
+            from segment to segment. Planners without it get the tightest limits of all segments for
+            the whole motion, and their message says so.
+        drops: Whether it leaves out all kinds that it does not know, and says so. That is right for
+            lower bounds: what is proved with fewer limits holds under all. Demands are left out
+            too, if the problem without them is a relaxation.
     """
 
     stochastic: bool = False
@@ -166,8 +166,7 @@ class Planner(ABC):
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Make a class's own `solve` and `solve_batch` refuse what it cannot solve.
 
-        Nobody who calls them directly has to ask `unsupported` first, and a planner still writes a
-        plain `solve`.
+        So callers need not call `unsupported` first, and a planner's own `solve` is simple.
         """
         super().__init_subclass__(**arguments)
         for name in ("solve", "solve_batch"):
@@ -184,7 +183,7 @@ class Planner(ABC):
         """Return the answer; the same for the same seed. The verifier judges what it returns."""
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        """Return one answer per seed, each what `solve` gives; by default one after the other."""
+        """Return one answer per seed, each equal to that of `solve`; by default one by one."""
         return [self.solve(problem, seed=seed) for seed in seeds]
 
     @property
@@ -223,10 +222,7 @@ class Planner(ABC):
         return f"it does not know {' and '.join(refused)} limits"
 
     def _infeasible(self, problem: Problem) -> Solution | None:
-        """Return the answer to a problem that a limit which the planner knows makes impossible.
-
-        So do the states in which it is to begin and end, whatever the planner knows.
-        """
+        """Return the answer `infeasible` if a known limit or a state at an end proves it."""
         known = (own for key, own in problem.limits.kinds.items() if key in self.knows)
         reasons = (own.infeasible(problem) for own in known)
         reason = impossible(problem) or next(filter(None, reasons), None)
@@ -246,11 +242,11 @@ class Planner(ABC):
         return any(DEMANDS[key].splits and key not in self.knows for key in problem.demands)
 
     def joins_segments(self, problem: Problem) -> bool:
-        """Return whether it plans with other limits, as segments differ, than each segment's."""
+        """Return whether it plans with the tightest limits of all segments, as these differ."""
         return problem.limits.segments is not None and "segment" not in self.knows
 
     def _shown(self, problem: Problem) -> tuple[Problem, list[str]]:
-        """The problem in limits that it takes, and what its message has to say of the others."""
+        """Return the problem with the limits that it plans for, and a sentence about the others."""
         left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
         kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
         said = [f"{kinds} limits are left out"] if left_out else []
@@ -270,11 +266,11 @@ class Planner(ABC):
         return Solution(Status.UNSUPPORTED, message="it does not time given paths")
 
     def options(self) -> dict[str, Any]:
-        """Return every option with its value; those of nested dataclasses beside the outer ones."""
+        """Return every option with its value, including those of nested dataclasses."""
         return field_values(self)
 
     def choices(self) -> dict[str, Sequence[str]]:
-        """Return the values of options that a library knows, by the option; it may be imported.
+        """Return the values that a library offers for options, by option; may import the library.
 
         Raises:
             MissingBackend: The library is not installed.
@@ -287,13 +283,13 @@ class Planner(ABC):
 
     @property
     def description(self) -> str:
-        """The first line of its docstring, for `trajopt list`."""
+        """Return the first line of its docstring, for `trajopt list`."""
         text = type(self).__doc__ or ""
         return text.strip().partition("\n")[0]
 
 
 def field_values(value: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass, with those of nested dataclasses beside them."""
+    """Return the fields of a dataclass, including those of nested dataclasses."""
     if not is_dataclass(value):
         return {}
     return _flat({field.name: getattr(value, field.name) for field in fields(value)})
@@ -366,7 +362,7 @@ def of_function(function: Callable[..., Solution]) -> Planner:
 
 
 def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any, Any]]:
-    """Name, type and default of each option."""
+    """Return name, type and default of each option."""
     _, *others = inspect.signature(function).parameters.values()
     try:
         hints = get_type_hints(function)
@@ -411,13 +407,12 @@ def adapted(planner: object) -> Planner:
 def check_visible(planner: Planner) -> None:
     """Refuse a planner with options that its fields do not show.
 
-    Its trials would be kept under the options that are shown, so that another configuration would
-    get the first one's results.
-
-    A member of `Planner` with an annotation is refused too: it would be an option.
+    Its trials would be stored under the visible options, so another configuration would get the
+    results of the first one. A member of `Planner` with an annotation is refused too, since it
+    would be an option.
 
     Raises:
-        InvalidInput: with the lines that mend it.
+        InvalidInput: The message has the lines that correct the planner.
     """
     kind = type(planner)
     for name in getattr(kind, "__dataclass_fields__", {}).keys() & Planner.__annotations__.keys():
@@ -437,7 +432,7 @@ def check_visible(planner: Planner) -> None:
 
 
 def _hidden(value: Any) -> list[str]:
-    """Attributes of a dataclass, and of those nested in it, that are no fields."""
+    """Return the attributes of a dataclass, and of nested ones, that are no fields."""
     shown = {field.name for field in fields(value)}
     kind = type(value)
     hidden = []
@@ -460,7 +455,7 @@ def _unseen(kind: type, why: str, names: Sequence[str]) -> InvalidInput:
 
 
 def backend(name: str, extra: str = "") -> Any:
-    """Import a solver when it is needed; `MissingBackend` names the command that mends it.
+    """Import a solver when it is needed; `MissingBackend` names the command that installs it.
 
     Args:
         name: Of the module.

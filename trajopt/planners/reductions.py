@@ -1,10 +1,10 @@
-"""Reductions: a problem made simpler for a planner, and the answer brought back.
+"""Reductions: a simpler problem for a planner, and its answer converted back.
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution: ...
 
-sees a problem in which consecutive waypoints differ and every joint moves; who calls it gets the
-answer to the problem that was asked. This is cvxpy's design: `accepts`, `apply`, `invert`.
+This `solve` gets a problem in which consecutive waypoints differ and every joint moves. Its caller
+gets the answer to the original problem. The design is cvxpy's: `accepts`, `apply`, `invert`.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ SolveT = TypeVar("SolveT", bound=Callable[..., Solution])
 
 
 class Reduction(ABC):
-    """A way to make a problem simpler whose answers are answers of the whole."""
+    """A transformation to a simpler problem whose answers give answers to the original one."""
 
     @abstractmethod
     def accepts(self, problem: Problem) -> bool:
-        """Return whether there is something to make simpler."""
+        """Return whether the problem becomes simpler."""
 
     @abstractmethod
     def apply(self, problem: Problem) -> Problem:
-        """Return the simpler problem."""
+        """Return the simpler problem; the problem itself where there is nothing to do."""
 
     @abstractmethod
     def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
-        """Return the whole problem's motion for one of the simpler problem."""
+        """Return the original problem's motion for one of the simpler problem."""
 
     def invert(self, problem: Problem, solution: Solution) -> Solution:
-        """Return the whole problem's answer for one of the simpler problem."""
+        """Return the original problem's answer for one of the simpler problem."""
         if solution.trajectory is None:
             return solution
         return replace(solution, trajectory=self.restored(problem, solution.trajectory))
 
 
 class EqualWaypoints(Reduction):
-    """Consecutive waypoints that are the same but for rounding become one, passed once."""
+    """Merge consecutive waypoints that are equal up to rounding into one, passed once."""
 
     def accepts(self, problem: Problem) -> bool:
         merged, _ = problem.merged()
@@ -65,20 +65,22 @@ class EqualWaypoints(Reduction):
 
 
 class RestingJoints(Reduction):
-    """Joints that never move are left out."""
+    """Leave out joints that never move."""
 
     def accepts(self, problem: Problem) -> bool:
         return not problem.moving.all()
 
     def apply(self, problem: Problem) -> Problem:
-        return problem.only(problem.moving)
+        return problem.only(problem.moving) if self.accepts(problem) else problem
 
     def restored(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        if not self.accepts(problem):
+            return motion
         return motion.beside(problem.waypoints[0], problem.moving)
 
 
 class OwnUnits(Reduction):
-    """Lengths and times near 1, for solvers whose tolerances are absolute.
+    """Scale lengths and times to about 1, for solvers with absolute tolerances.
 
     The unit of time is the time of stopping at every waypoint, the unit of length the largest
     displacement of all joints.
@@ -99,14 +101,14 @@ class OwnUnits(Reduction):
         return replace(slower, coefficients=length * slower.coefficients)
 
     def _units(self, problem: Problem) -> tuple[float, float]:
-        """The units of time, s, and of length, rad."""
+        """Return the units of time, s, and of length, rad."""
         stops = stop_times(problem)
         return float(stops.sum()), float(np.abs(problem.displacements).max())
 
 
 @dataclass(frozen=True)
 class OneByOne(Reduction):
-    """Several reductions, the first one first; each sees what those before it have made."""
+    """Apply several reductions in order, each to the result of the one before."""
 
     reductions: tuple[Reduction, ...]
 
@@ -125,7 +127,7 @@ class OneByOne(Reduction):
         return motion
 
     def applied(self, problem: Problem) -> tuple[list[tuple[Reduction, Problem]], Problem]:
-        """Return each reduction that finds work with the problem that it sees, and the last one."""
+        """Return each reduction that applies, with its own problem, and the last problem."""
         steps: list[tuple[Reduction, Problem]] = []
         for reduction in self.reductions:
             if reduction.accepts(problem):
@@ -142,7 +144,7 @@ SIMPLEST = OneByOne((EQUAL_WAYPOINTS, RESTING_JOINTS))
 
 
 def reduced(*reductions: Reduction) -> Callable[[SolveT], SolveT]:
-    """Decorate a method that solves a problem to see it reduced, by the first reduction first."""
+    """Decorate a method that solves a problem, so that it gets the reduced problem."""
     every = OneByOne(tuple(chain.from_iterable(map(_parts, reductions))))
 
     def decorated(solve: SolveT) -> SolveT:

@@ -33,9 +33,9 @@ class Entry:
     """A registered planner, not yet imported.
 
     Attributes:
-        name: Of the planner.
-        point: What is imported.
-        rival: Another distribution's entry point of this name: then neither can be imported.
+        name: Name of the planner.
+        point: The entry point that is imported.
+        rival: An entry point of another distribution with the same name; neither can be imported.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Entry:
 
     @contextmanager
     def imports(self) -> Iterator[None]:
-        """Raise `TrajoptError` for whatever goes wrong while its code is imported."""
+        """Convert every error during the import of a planner's code to `TrajoptError`."""
         try:
             yield
         except (Exception, SystemExit) as error:
@@ -73,7 +73,7 @@ class Entry:
             raise TrajoptError(f"planner {self.name!r} cannot be loaded: {why}") from error
 
     def missing(self) -> str | None:
-        """Return why this planner cannot run, with the command that mends it; None if it can."""
+        """Return why this planner cannot run, with the command to install; None if it can."""
         try:
             planner = self.load()
         except TrajoptError as error:
@@ -82,7 +82,7 @@ class Entry:
 
 
 def missing(planner: Planner) -> str | None:
-    """Return which packages a planner lacks, with the command that mends it, or None."""
+    """Return which packages are missing for a planner, with the command to install; or None."""
     packages = sorted({name.partition(".")[0] for name in planner.requires})
     absent = [name for name in packages if importlib.util.find_spec(name) is None]
     if not absent:
@@ -169,7 +169,7 @@ def _name_in_file(file: Path, name: str) -> str:
 
 @dataclass(frozen=True)
 class Spec:
-    """What names a planner, before anything of it is imported.
+    """The name of a planner with its options, before anything is imported.
 
     Attributes:
         text: The spec, with the absolute path of a file.

@@ -15,7 +15,7 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import thinned
 
-# More than the closed forms can round.
+# Exceeds the rounding errors of the closed forms.
 _ROUNDING_RTOL = 1e-12
 
 
@@ -33,11 +33,11 @@ def stop_times(problem: Problem) -> Array:
 def end_to_end_bound(problem: Problem) -> float:
     """Return a lower bound on the duration in closed form, s (docs/mathematics.md, section 11).
 
-    The longer of two relaxations: every joint alone, straight from the first to the last waypoint
-    (the optimum itself where there are two waypoints and jerk limits are symmetric), if the motion
-    is from rest to rest; and every segment at full velocity, or in its least or given time. Waits
-    are added. Position limits are lifted, and waypoints that rounding may miss are left out. Within
-    tolerance a segment is as short as it may be.
+    It is the larger of two relaxations. The first one, for motions from rest to rest, is every
+    joint alone, straight from the first to the last waypoint; with two waypoints and symmetric jerk
+    limits that is the optimum. The second one is every segment at full velocity, or in its least or
+    given time. Waits are added. Position limits, and waypoints that a motion may miss by rounding,
+    are left out. With a tolerance each segment is as short as it allows.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
     way = problem.waypoints[-1] - problem.waypoints[0]

@@ -31,12 +31,12 @@ ThreeSegments = Sequence[Any] | Array  # one value or array for each
 WAYPOINTS = 4
 # Rounding of a position, relative to the joint's largest displacement.
 _POSITION_RTOL = 1e-12
-# Beyond it the ratio of the outer segment times to the middle one is rounding.
+# Largest ratio of the outer segment times to the middle one; beyond it rounding dominates.
 _MAX_DOUBLINGS = 50
 
 
 def unsupported(problem: Problem) -> str | None:
-    """Return why the 3-5-3 spline is not for this problem, or None."""
+    """Return why the 3-5-3 spline does not fit this problem, or None."""
     merged, _ = problem.merged()
     count = merged.segments + 1
     if count == WAYPOINTS:
@@ -47,9 +47,9 @@ def unsupported(problem: Problem) -> str | None:
 def infeasible(problem: Problem) -> str | None:
     """Return why no segment times keep the position limits of four waypoints, or None.
 
-    The only reason is a joint that passes an inner waypoint on its limit with the speed `3 d1/t1`
-    or `3 d3/t3`. In all other problems a quintic that is short beside both cubics keeps the limits
-    (section 1 has the proof).
+    The only reason is a joint that passes an inner waypoint on its position limit with the speed
+    `3 d1/t1` or `3 d3/t3`. In all other problems a quintic that is short compared with both cubics
+    keeps the limits (proof in section 1).
     """
     merged, index = problem.merged()
     if merged.segments != 3:
@@ -236,7 +236,7 @@ def limit_use(
 def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Bools:
     """Return which candidates keep every limit of velocity, acceleration and jerk, `(N,)`.
 
-    Acceleration is asked first: it rules out most candidates of a search.
+    Acceleration is tested first, since it excludes most candidates of a search.
 
     Args:
         displacements: Of each joint, `(joints, 3)`, rad.
@@ -255,7 +255,7 @@ def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Bools:
 
 
 def position_room(problem: Problem) -> Array | None:
-    """Return the position limits, seen from the second waypoint.
+    """Return the position limits minus the second waypoint.
 
     `(joints, 2)`, rad; None where there are no position limits.
     """
@@ -271,13 +271,13 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
     It is 0 within the limits and exact elsewhere. No dilation changes it.
 
     Args:
-        displacements: As everywhere; the last batch axis is the joints. No joint rests.
-        times: As everywhere.
-        room: Lowest and highest position, seen from the second waypoint, `(joints, 2)`, rad.
+        displacements: `(…, 3)`, rad; the last batch axis is the joints. No joint rests.
+        times: `(…, 3)`, s.
+        room: Position limits minus the second waypoint, `(joints, 2)`, rad.
     """
     d, controls = _positions(displacements, times)
     axes = controls.ndim
-    # The quintic stays within its controls: where these keep the limits, no root is needed.
+    # The quintic stays within the range of its controls: if they keep the limits, it does.
     excess = np.maximum(_beyond(controls, _by_joint(room, axes - 1)), 0.0)
     needed = np.flatnonzero(excess > 0)
     curves = polynomials.from_bernstein(_at(controls, needed))
@@ -293,10 +293,11 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
 def position_bounds(displacements: Array, times: Array, room: Array) -> Array:
     """Return whether each joint may leave its position limits: by more than 0, rad, `(…)`.
 
-    The arguments are those of `position_excess`.
+    It is the Bernstein bound of both halves of the quintic. Arguments as of `position_excess`.
     """
     _, controls = _positions(displacements, times)
-    bounds = _beyond(controls, _by_joint(room, controls.ndim - 1))
+    room = _by_joint(room, controls.ndim - 1)
+    bounds = np.maximum(*(_beyond(half, room) for half in _halves(controls)))
     return bounds.transpose(*range(1, bounds.ndim), 0)
 
 
@@ -337,7 +338,7 @@ def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float
 
 
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:
-    """Return the exact cheapest dilation that meets all limits of all joints (last axis), `(…)`."""
+    """Return the least dilation that keeps all limits of all joints (last axis), exactly, `(…)`."""
     use = limit_use(displacements, times, limits)
     factor = cheapest_dilation(*use)
     return factor.max(axis=-1)
@@ -384,7 +385,7 @@ def _stacked(*controls: Array) -> Array:
 
 
 def _ratio(values: Iterable[Array], limits: Array) -> Array:
-    """The worst of several values over the limit of its own sign; `limits` `(…, 2)`."""
+    """Return the largest ratio of values to the limit on their side; `limits` `(…, 2)`."""
     several = list(values)
     # two at a time: of so few, NumPy's own maximum over an axis takes three times as long
     forwards = reduce(np.maximum, several) / limits[..., 1]
@@ -408,7 +409,7 @@ def _use(
         t: Times, with as many axes.
         limits: Of the joints.
         exact_above: As for `limit_use`.
-        decide: Whether the peak of a candidate that passes it somewhere may be any that does.
+        decide: Whether any peak above `exact_above` may be returned for a candidate above it.
     """
     above = (exact_above, decide)
     if order == 3 and not limits.jerk_limited.any():
@@ -446,11 +447,11 @@ def _peak_use(
     exact_above, decide = above
     own_limits = _by_joint(limits, controls.ndim - 1)
     use = _ratio(controls[:: len(controls) - 1], own_limits)
-    # The polynomial stays within its controls: where these are low enough, no root is needed.
+    # The polynomial stays within the range of its controls: roots are needed only above it.
     bound = _ratio(controls[1:-1], own_limits)
     enough = np.maximum(use, exact_above)
     if decide:
-        # one joint beyond it at an end is enough to know
+        # one joint above it at an end decides for the candidate
         enough = np.where(use.max(axis=0) > exact_above, np.inf, enough)
     needed = np.flatnonzero(bound > enough)
     if not needed.size:
@@ -472,6 +473,17 @@ def _at(controls: Array, places: Indices) -> Array:
     """The polynomials at some indices of the flattened batch, `(degree + 1, N)`."""
     flat = controls.reshape(len(controls), -1)
     return flat[:, places]
+
+
+def _halves(controls: Array) -> tuple[Array, Array]:
+    """Bernstein coefficients of both halves, the second's from its end."""
+    left, right = [], []
+    points = controls
+    while len(points):
+        left.append(points[0])
+        right.append(points[-1])
+        points = (points[:-1] + points[1:]) / 2
+    return _stacked(*left), _stacked(*right)
 
 
 def _de_casteljau(controls: Array, s: Array) -> Array:

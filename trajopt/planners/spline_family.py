@@ -1,16 +1,15 @@
 """Families of splines by the degrees of their pieces: 3-5-3, 4-3-4, cubic, quintic, septic, others.
 
-All joints share the times `T_k` of the pieces. Piece `k` of degree `p` is held by its Bernstein
-coefficients `b_0 … b_p`, its *controls*, relative to where its segment starts: it goes from `b_0`
-to `b_p`, and its derivative of order `r` has the controls `p!/(p − r)! Δ^r b / T^r`. So everything
-that makes a family is linear in the controls: which of them the waypoints and rest fix, and how
-neighbours join.
+All joints share the times `T_k` of the pieces. Piece `k` of degree `p` is given by its Bernstein
+coefficients `b_0 … b_p`, its *controls*, relative to the start of its segment. It goes from `b_0`
+to `b_p`, and its derivative of order `r` has the controls `p!/(p − r)! Δ^r b / T^r`. So all
+conditions of a family are linear in the controls: those of waypoints, of rest, and of continuity.
 
 Positions, velocities and accelerations are continuous; higher derivatives may jump. Pieces of
-degrees `p_k` between waypoints then have `Σ (p_k − 3)` freedoms per joint, two less where both ends
-are without acceleration: none in a 3-5-3 or 4-3-4, four in a 5-5-5 (velocity and acceleration at
-both inner waypoints). Where jerk is limited and that is negative, as for cubics, the first and the
-last segment are cut once more, at positions that are free (Lin, Chang and Luh, IEEE Trans.
+degrees `p_k` between waypoints then have `Σ (p_k − 3)` degrees of freedom per joint, two less with
+zero acceleration at both ends: none in a 3-5-3 or 4-3-4, four in a 5-5-5 (velocity and acceleration
+at both inner waypoints). Where that number is negative, as for cubics, and jerk is limited, the
+first and the last segment are cut once more, at free positions (Lin, Chang and Luh, IEEE Trans.
 Automatic Control 28, 1983).
 """
 
@@ -29,7 +28,7 @@ from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 
 Ends = Literal["rest", "standstill"]
-Controls = Sequence[Any] | Array  # of one piece: numbers, rows of joints or symbols
+Controls = Sequence[Any] | Array  # of one piece: numbers, arrays over joints, or symbols
 
 _LOWEST_DEGREE = 3
 _HIGHEST_DEGREE = 9
@@ -37,7 +36,7 @@ _HIGHEST_DEGREE = 9
 POSITION_RTOL = 1e-12
 # Derivatives that are continuous where pieces join.
 SMOOTH_ORDERS = (1, 2)
-# Largest ratio of the weights of two pieces' bending.
+# Largest ratio of the weights of two pieces in the smoothness objective.
 _MOST_WEIGHT = 1e4
 
 
@@ -47,8 +46,8 @@ class SplineFamily:
 
     Attributes:
         degrees: of each piece.
-        segments: to which segment between waypoints each piece belongs, from 0.
-        still_orders: derivatives that vanish at both ends: velocity, or acceleration too.
+        segments: index of each piece's segment.
+        still_orders: highest derivative that is zero at both ends: 1 (velocity) or 2.
     """
 
     degrees: tuple[int, ...]
@@ -61,35 +60,36 @@ class SplineFamily:
 
     @property
     def degree(self) -> int:
-        """The highest."""
+        """Return the highest degree of a piece."""
         return max(self.degrees)
 
     @cached_property
     def parts(self) -> Indices:
-        """Number of pieces of each segment, `(segments,)`."""
+        """Return the number of pieces of each segment, `(segments,)`."""
         return np.bincount(self.segments)
 
     @cached_property
     def lengths(self) -> list[int]:
-        """Number of controls of each piece."""
+        """Return the number of controls of each piece."""
         return [degree + 1 for degree in self.degrees]
 
     @property
     def joins_count(self) -> int:
-        """Number of differences that `joins` returns."""
+        """Return the number of differences that `joins` returns."""
         knots = self.pieces - 1
         free_positions = int((self.parts - 1).sum())
         return knots * len(SMOOTH_ORDERS) + free_positions
 
     def fixed(self, displacements: Array) -> tuple[Bools, Array]:
-        """Which controls the waypoints and rest at both ends fix.
+        """Return which controls are determined by the waypoints and rest at both ends.
 
         Args:
             displacements: of the segments, `(segments, joints)`.
 
         Returns:
-            Of all pieces' controls one after another: which, `(controls,)`, and at which positions
-            relative to the segment's start, `(controls, joints)`, NaN for the others.
+            For the controls of all pieces, one after another: whether each is determined,
+            `(controls,)`, and its position relative to the segment's start, `(controls, joints)`,
+            NaN for the others.
         """
         count = sum(self.lengths)
         joints = displacements.shape[1]
@@ -111,15 +111,16 @@ class SplineFamily:
         return which, values
 
     def joins(self, controls: Sequence[Controls], times: Controls) -> list[Any]:
-        """Return the differences that vanish where pieces join, for any numbers or symbols.
+        """Return the differences that are zero where pieces join, for numbers or symbols.
 
         Args:
             controls: of each piece.
             times: of each piece.
 
         Returns:
-            Differences of position (only where no waypoint fixes it), velocity, and acceleration
-            times `T_k T_{k+1} / (T_k + T_{k+1})`: also a velocity, however brief a piece.
+            Differences of position (only where no waypoint determines it), of velocity, and of
+            acceleration times `T_k T_{k+1} / (T_k + T_{k+1})`. The latter has the unit of a
+            velocity and the same size for short pieces.
         """
         rows = []
         for k in range(self.pieces - 1):
@@ -140,10 +141,10 @@ class SplineFamily:
         return rows
 
     def smoothest(self, displacements: Array, times: Array) -> Array:
-        """Controls `(…, controls, joints)` for these times `(…, pieces)` that bend little.
+        """Return the controls `(…, controls, joints)` of a smooth spline at times `(…, pieces)`.
 
-        Of all splines of the family through the waypoints that of the least sum of squared third
-        differences over `T^5` (about the integral of squared jerk).
+        It is the spline of the family through the waypoints with the least sum of squared third
+        differences over `T^5`, approximately the integral of squared jerk.
         """
         is_fixed, values = self.fixed(displacements)
         free = ~is_fixed
@@ -177,11 +178,11 @@ class SplineFamily:
         return controls
 
     def joined(self, controls: Array, times: Array) -> Array:
-        """The controls, moved as little as lets the pieces join to rounding.
+        """Return the closest controls with which the pieces join up to rounding.
 
         Args:
-            controls: `(controls, joints)`, those that are fixed in their places.
-            times: of the pieces, which count the less the briefer they are.
+            controls: `(controls, joints)`; determined ones already have their positions.
+            times: of the pieces; shorter pieces have less weight.
         """
         segments = len(self.parts)
         anywhere = np.zeros((segments, controls.shape[1]))
@@ -199,7 +200,7 @@ class SplineFamily:
         return moved
 
     def _matrices(self, times: Array) -> tuple[Array, Array]:
-        """Joins and weighted third differences, as matrices that multiply all controls."""
+        """Return the matrices of joins and of weighted third differences, over all controls."""
         count = sum(self.lengths)
         each = np.eye(count)
         controls = self.split(each)
@@ -219,12 +220,12 @@ class SplineFamily:
         return joins, np.stack(bends, axis=-2)
 
     def split(self, controls: Array) -> list[Array]:
-        """All pieces' controls `(controls, …)`, piece by piece."""
+        """Return the controls `(controls, …)` of all pieces, one table per piece."""
         ends = np.cumsum(self.lengths)
         return np.split(controls, ends[:-1])
 
     def powers(self, controls: Array) -> Array:
-        """Every piece on the unit interval, `(degree + 1, pieces, …)`, highest power first."""
+        """Return the pieces on `[0, 1]`, `(degree + 1, pieces, …)`, highest power first."""
         trailing = controls.shape[1:]
         shape = (self.degree + 1, self.pieces, *trailing)
         coefficients = np.zeros(shape)
@@ -253,18 +254,18 @@ def derivative(controls: Controls, order: int) -> list[Any]:
 
 
 def family(shape: str, segments: int, ends: Ends, jerk_limited: bool) -> SplineFamily:
-    """The family of a shape for this many segments.
+    """Return the family of a shape for a number of segments.
 
-    Degrees too low for ends without acceleration get one more knot in the first and the last
-    segment where jerk is limited. Where it is not the best such knot is infinitely near the end:
-    the spline is then that of ends at a standstill.
+    With jerk limits, degrees too low for zero acceleration at the ends get one more knot in the
+    first and the last segment. Without jerk limits the best such knot would be infinitely close to
+    the end, so these splines have zero velocity only at the ends.
 
     Args:
         shape: one degree for all segments ("5"), one for each ("4-3-4"), or three of which the
             middle one is repeated ("4-3-4" for 4-3-3-4).
         segments: between waypoints.
-        ends: without velocity ("standstill"), or without acceleration too ("rest").
-        jerk_limited: whether any joint's jerk is.
+        ends: zero velocity ("standstill"), or zero acceleration too ("rest").
+        jerk_limited: whether any joint's jerk is limited.
 
     Raises:
         InvalidInput: the shape has no such degrees, or does not fit so many segments.
@@ -286,7 +287,7 @@ def family(shape: str, segments: int, ends: Ends, jerk_limited: bool) -> SplineF
 
 
 def degrees(shape: str) -> list[int]:
-    """The degrees that a shape names; raises `InvalidInput` where they are not degrees."""
+    """Return the degrees of a shape; raises `InvalidInput` for other text."""
     allowed = range(_LOWEST_DEGREE, _HIGHEST_DEGREE + 1)
     right = f"degrees from {_LOWEST_DEGREE} to {_HIGHEST_DEGREE}, as in 4-3-4"
     named = []
@@ -298,7 +299,7 @@ def degrees(shape: str) -> list[int]:
 
 
 def _fitted(named: list[int], segments: int) -> list[int]:
-    """One degree per segment, or none if these do not fit."""
+    """Return one degree per segment; none if the degrees do not fit."""
     if len(named) == segments:
         return named
     if len(named) == 1:
@@ -359,7 +360,7 @@ def _critical(unit: Array) -> Array:
 
 
 def _highest(points: Array, values: Array) -> tuple[Array, Array]:
-    """The point of the highest value, and that value, of each piece and joint."""
+    """Return the point of the highest value, and that value, of each piece and joint."""
     worst = values.argmax(axis=0)[None]
     instants = np.take_along_axis(points, worst, axis=0)
     highest = np.take_along_axis(values, worst, axis=0)
@@ -367,7 +368,7 @@ def _highest(points: Array, values: Array) -> tuple[Array, Array]:
 
 
 def utilisation(rate: Array, points: Array, times: Array, order: int, bounds: Array) -> Array:
-    """A derivative over its limit at points of the unit interval, `(points, pieces, joints)`."""
+    """Return a derivative's use of its limit at points, `(points, pieces, joints)`."""
     low, high = bounds.T
     # d^r q/dt^r = d^r q/ds^r / T^r
     scale = times[:, None] ** order

@@ -1,7 +1,7 @@
 """The 3-5-3 spline's segment times by a swarm: the paper's method, and its alternatives.
 
-A swarm searches `(t1, t2, t3)` in a box. Position limits are no part of the paper's fitness; here
-leaving one counts as breaking any other does (docs/mathematics.md, section 2).
+A swarm searches `(t1, t2, t3)` in a box. The paper's fitness does not include position limits. Here
+a motion outside them breaks a limit like any other (docs/mathematics.md, section 2).
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ if TYPE_CHECKING:
 class SwarmPlanner(Planner):
     """The 3-5-3 spline, its segment times searched by a swarm.
 
-    - `timing`: one `(t1, t2, t3)` for all joints, or every moving joint on its own
-      (docs/mathematics.md, section 9): the answer then takes each segment's longest time over the
-      joints, which is its claim and may break limits;
-    - `fitness`: `penalty` ranks any candidate within the limits by its duration, above any that
-      breaks them, and those by their summed relative violation (Deb's rule); `scaled` dilates every
-      candidate to the limits first (section 2), so none breaks them. Position limits, which no
-      dilation mends, are then kept by Deb's rule alone; where there are any, times dilated beyond
-      the box's longest duration rank among those that break a limit. A position's violation counts
-      in the joint's largest displacement;
+    - `timing`: one `(t1, t2, t3)` for all joints, or one for every moving joint
+      (docs/mathematics.md, section 9). In the latter case the answer takes each segment's longest
+      time over the joints. That is its claim, and it may break limits;
+    - `fitness`: `penalty` ranks candidates within the limits by duration; candidates that break
+      limits come after them, ranked by their summed relative violation (Deb's rule). `scaled`
+      dilates every candidate to the limits first (section 2). A dilation does not change positions,
+      so position limits are kept by Deb's rule; with position limits, a candidate whose dilated
+      duration exceeds the box's longest one ranks with those that break a limit. Violations of
+      positions are relative to the joint's largest displacement;
     - `space`: the swarm moves in seconds, or in the unit cube, mapped linearly to them (sparrows
       drift to the origin, so it matters);
-    - `iterations`, or `evaluations` if given: the budget, per joint where `timing` is;
-    - `upper`: the box's upper end over the longest stop-to-stop time of any segment (of that joint
-      alone where `timing` is), or higher where it would else hold no times that are known to keep
-      the position limits; `lower`: its lower end over the upper.
+    - `iterations`, or `evaluations` if given: the budget, per joint if `timing` is;
+    - `upper`: upper end of the box over the longest time of a segment from rest to rest (of that
+      joint alone if `timing` is per joint). It is raised if the box would not contain times that
+      are known to keep the position limits. `lower`: lower end over upper end.
 
-    `stats` hold `segment_times` `(3,)`, s, and `iterations`; with `timing="per-joint"` also
+    `stats` has `segment_times` `(3,)`, s, and `iterations`. With `timing="per-joint"` it also has
     `joint_times` `(joints, 3)` and `joint_durations` `(joints,)`, s, NaN for joints that never
     move, and `joint_history` `(m, 3)`: joint (from 0), evaluations of that joint, its best duration
-    by then, s. There is no common curve then, so `history` is None: better times of single joints
-    can make the segment-wise longest ones worse. `evaluations` counts those of all joints.
+    by then, s. Then `history` is None: shorter times of single joints can make the longest times of
+    the segments longer, so there is no common curve. `evaluations` counts those of all joints.
     """
 
     optimiser: Optimiser = field(default_factory=ISSA)
@@ -87,12 +87,12 @@ class SwarmPlanner(Planner):
         return spline353.unsupported(problem)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The answer of one run."""
+        """Return the answer of one run."""
         solutions = self.solve_batch(problem, [seed])
         return solutions[0]
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        """One answer per seed, all runs advancing together; each is what `solve` gives alone."""
+        """Return one answer per seed, each equal to that of `solve`; all runs advance together."""
         if len(seeds) == 0:
             return []
         reason = spline353.infeasible(problem)
@@ -128,7 +128,7 @@ class SwarmPlanner(Planner):
         times: Array,
         histories: list[Array],
     ) -> Solution:
-        """One run's answer, from the times `(groups, 3)` and the history of each of its groups."""
+        """Return one run's answer, from times `(groups, 3)` and histories of its groups."""
         longest = times.max(axis=0)
         groups = len(times)
         stats: dict[str, Any] = {"segment_times": longest, "iterations": result.iterations}
@@ -194,7 +194,7 @@ class JointGroup(Timing):
     def fast(self, fitness: str) -> Callable[[Array], Array]:
         """Return `penalty` or `scaled`, compiled.
 
-        The exact position of a joint costs as much as all the rest, so it is asked for only where
+        The exact positions of a joint take as long as all the rest. So they are computed only where
         the Bernstein coefficients do not show that the joint keeps its limits.
         """
         sample = self.high * np.array([0.2, 0.3, 0.4])
@@ -206,7 +206,7 @@ class JointGroup(Timing):
             lambda times: spline353.position_bounds(self.displacements, times[:, None], room),
             sample,
         )
-        # one record for every joint: its displacements and limits are arguments too
+        # one record for all joints, with displacements and limits as arguments
         joints = np.column_stack([self.displacements, room])
         excess = compiled(_excess_alone, np.concatenate([sample, joints[0]]))
         beyond = getattr(self, f"{fitness}_beyond")
@@ -226,7 +226,7 @@ class JointGroup(Timing):
         return lambda times: np.array([value(candidate) for candidate in times.tolist()])
 
     def penalty_below(self, times: Array, incumbent: Array) -> Array:
-        """`penalty` where it is below the incumbent `(N,)`; elsewhere no less than that."""
+        """Return `penalty` where it is below the incumbent `(N,)`, elsewhere no less than that."""
         duration = added(times)
         value = np.full(len(times), self.above_any)
         # A candidate that lasts no shorter is not taken.
@@ -347,7 +347,7 @@ class SegmentTimes:
             yield np.array(own), list(feasible)
 
     def _dilated(self, times: Array, group: JointGroup, fitness: Array) -> Array:
-        """A group's best times `(seeds, 3)`, s, as long as their fitness stands for."""
+        """Return a group's best times `(seeds, 3)`, s, dilated to the duration of their fitness."""
         if self.planner.fitness == "penalty":
             return times
         factor = fitness / added(times)

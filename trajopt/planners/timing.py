@@ -1,10 +1,12 @@
-"""A spline as a function of its times alone: how long it lasts, and by how much it breaks limits.
+"""A spline as a function of its times alone: its duration and its violation of limits.
 
-Two ways to make that one number, the fitness of a search (docs/mathematics.md, section 2):
+There are two ways to combine both in one number, the fitness of a search (docs/mathematics.md,
+section 2):
 
-- `penalty`: the duration within the limits; above every duration else, by the violation (Deb);
-- `scaled`: the duration once dilated to the limits. No dilation mends a position, so position
-  limits are kept by Deb's rule alone.
+- `penalty`: the duration within the limits. Otherwise a number above every duration, which grows
+  with the violation (Deb's rule);
+- `scaled`: the duration after dilation to the limits. A dilation does not change positions, so
+  position limits are kept by Deb's rule.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class Timing(ABC):
     def uses(self, times: Array, exact_above: float = 0.0) -> Sequence[Array]:
         """Return peak velocity, acceleration (and jerk) over their limits, each `(N, joints)`.
 
-        A use that stays at or below `exact_above` may be any other number that does.
+        A use of at most `exact_above` may be replaced by any other such number.
         """
 
     @abstractmethod
@@ -63,23 +65,23 @@ class Timing(ABC):
 
     @property
     def ceiling(self) -> float:
-        """The longest duration in the box, s: a fitness above it breaks a limit."""
+        """Return the longest duration in the box, s; a larger fitness means a broken limit."""
         return float(added(np.full(self.variables, self.high)))
 
     @property
     def above_any(self) -> float:
-        """Above every duration in the box."""
+        """Return a number above every duration in the box, s."""
         return float(np.nextafter(self.ceiling, np.inf))
 
     def penalty(self, times: Array) -> Array:
-        """Deb's rule as one number, `(N,)`.
+        """Return Deb's rule as one number, `(N,)`.
 
-        The duration; or more than every duration in the box, by the violation of the limits.
+        It is the duration; with a violation of limits it is more than every duration in the box.
         """
         return self.penalty_beyond(times, self.outside(times))
 
     def penalty_beyond(self, times: Array, outside: Array | None) -> Array:
-        """`penalty` of candidates that are this far `outside`."""
+        """Return `penalty` of candidates with this excess over position limits."""
         excesses = [np.maximum(use - 1.0, 0.0) for use in self.uses(times, exact_above=1.0)]
         if outside is not None:
             excesses.append(outside)
@@ -88,11 +90,11 @@ class Timing(ABC):
         return np.where(excess > 0, beyond, added(times))
 
     def scaled(self, times: Array) -> Array:
-        """The duration once dilated to the limits; Deb's rule for position limits, `(N,)`."""
+        """Return the duration after dilation; Deb's rule for position limits, `(N,)`."""
         return self.scaled_beyond(times, self.outside(times))
 
     def scaled_beyond(self, times: Array, outside: Array | None) -> Array:
-        """`scaled` of candidates that are this far `outside`."""
+        """Return `scaled` of candidates with this excess over position limits."""
         duration = self.dilation(times) * added(times)
         if outside is None:
             return duration
@@ -113,11 +115,11 @@ class Timing(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FamilyTiming(Timing):
-    """A spline of any family: its freedoms beside the times are those that bend it least.
+    """A spline of any family; at given times it is the smoothest one of the family.
 
     Attributes:
         family: The degrees of its pieces, whose times are the variables.
-        problem: Whose joints all move, and whose consecutive waypoints differ.
+        problem: All its joints move, and its consecutive waypoints differ.
     """
 
     family: SplineFamily
@@ -130,10 +132,10 @@ class FamilyTiming(Timing):
         """Return the spline of a shape, such as "4-3-4", through a problem's waypoints.
 
         Args:
-            problem: Whose joints all move, and whose consecutive waypoints differ.
-            shape: As `spline_family.family` reads it.
-            lower: The box's lower end, over its upper one.
-            upper: Its upper end, over the longest stop-to-stop time of a segment.
+            problem: All its joints move, and its consecutive waypoints differ.
+            shape: As for `spline_family.family`.
+            lower: Lower end of the box over its upper end.
+            upper: Upper end of the box over the longest time of a segment from rest to rest.
 
         Raises:
             InvalidInput: The shape does not fit the problem.
@@ -182,12 +184,12 @@ class FamilyTiming(Timing):
         return Trajectory(breaks, pieces, breaks[ends])
 
     def _unit(self, times: Array) -> Array:
-        """All candidates' pieces on the unit interval, `(degree + 1, pieces · N, joints)`."""
+        """Return all pieces on the unit interval, `(degree + 1, pieces · N, joints)`."""
         controls = self.family.smoothest(self.problem.displacements, times)
         unit = self.family.powers(np.moveaxis(controls, 0, 1))
         return unit.reshape(len(unit), -1, unit.shape[-1])
 
     def _worst(self, of_pieces: Array) -> Array:
-        """The worst of each candidate's pieces: `(pieces · N, joints)` to `(N, joints)`."""
+        """Return the largest value over each candidate's pieces, `(N, joints)`."""
         by_piece = of_pieces.reshape(self.family.pieces, -1, of_pieces.shape[-1])
         return np.asarray(by_piece.max(axis=0))

@@ -2,10 +2,12 @@
 
 In reading order:
 
-- `planner`: the program, where it starts, and what it answers.
-- `gaps`: where it starts if the motion begins or ends in motion.
+- `planner`: the program, its initial guesses and its answer.
+- `gaps`: the initial guesses of a motion that begins or ends in motion.
 - `profiles`: the two extreme profiles of a joint in a segment, in closed form.
 - `cells`, `newton_step`: unknowns, inequalities and Newton steps of the program.
+- `demands`: the same for a route with demands: least times, a tolerance, a closed motion.
+- `boxes`: problems in which neighbouring waypoints are merged, where their tolerances overlap.
 - `motion`: the motion through the waypoint velocities of an optimum.
 - `by_ipopt`: the same optimum by IPOPT, an independent check.
 """

@@ -1,4 +1,4 @@
-"""Waypoints within tolerance that one instant passes: problems in which these are one waypoint.
+"""Merge neighbouring waypoints whose tolerances overlap.
 
 Where the boxes around neighbouring waypoints overlap in every joint, the optimum may pass both at
 one instant, which the logarithm of the segment's time does not reach. So problems are solved also
@@ -23,16 +23,16 @@ from trajopt.core.limits.joint_limit import UNLIMITED
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 
-# Pairs of neighbours that are tried one by one, beside all together and none.
+# Up to this many pairs of neighbours are also merged one pair at a time.
 MAX_PAIRS = 8
-FEW_STARTS = 2  # of each of several problems
+FEW_STARTS = 2  # initial guesses for each problem, where there are several
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
 Solve = Callable[[Problem, Array | None, PlannerT, bool], Solution]
 
 
 class Merged(NamedTuple):
-    """A problem with some waypoints in one.
+    """A problem in which some neighbouring waypoints are merged.
 
     Attributes:
         problem: Through one waypoint where neighbours are one.
@@ -47,7 +47,7 @@ class Merged(NamedTuple):
 
 
 def merged(problem: Problem) -> Iterator[Merged]:
-    """Yield the problem itself, then those with neighbours in one."""
+    """Yield the problem itself, then the problems with merged neighbours."""
     count = len(problem.waypoints)
     yield Merged(problem, np.arange(count), None)
     pairs = np.flatnonzero(_overlapping(problem))
@@ -64,7 +64,7 @@ def best(planner: PlannerT, problem: Problem, solve: Solve[PlannerT]) -> Solutio
     """Return the best answer of the problem, and of those with neighbours in one.
 
     Args:
-        planner: Of local optima.
+        planner: Finds local optima from several initial guesses.
         problem: With a tolerance.
         solve: Answers a problem as such a planner does, with further limits at the waypoints; where
             it is not patient, it tries no more starts than the planner's.
@@ -90,14 +90,14 @@ def _box(problem: Problem) -> tuple[Array, Array]:
 
 
 def _overlapping(problem: Problem) -> Bools:
-    """Which segments may take no time, `(segments,)`."""
+    """Return which segments may take no time, `(segments,)`."""
     low, high = _box(problem)
     overlaps = np.maximum(low[:-1], low[1:]) <= np.minimum(high[:-1], high[1:])
     return np.asarray(overlaps.all(axis=1) & (problem.route.demand("least_times") == 0))
 
 
 def _chain(problem: Problem, pairs: Indices) -> Bools:
-    """Segments that take no time, from the first on as many as there is an intersection for."""
+    """Return a choice of segments that take no time: each where the boxes so far still overlap."""
     low, high = _box(problem)
     found = np.zeros(problem.segments, dtype=bool)
     least, most = low[0], high[0]
@@ -109,7 +109,7 @@ def _chain(problem: Problem, pairs: Indices) -> Bools:
 
 
 def _joined(problem: Problem, joined: Bools) -> Merged | None:
-    """The problem in which these segments take no time; None where nothing is left to move."""
+    """Return the problem in which these segments take no time; None if no motion is left."""
     index = np.append(0, np.cumsum(~joined))
     first = np.flatnonzero(np.diff(index, prepend=-1))
     low, high = _box(problem)

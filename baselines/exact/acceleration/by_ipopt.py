@@ -1,8 +1,8 @@
 """Section 3's program as it is printed, by CasADi and IPOPT: a check of `exact.acceleration`.
 
-Variables are the segment times, the waypoint velocities and both peaks; where
-`exact.acceleration.cells` counts logarithms of times, and velocities from each segment's mean.
-IPOPT meets its inequalities to a tolerance: the caller dilates the answer until it is exactly
+Variables are the segment times, the waypoint velocities and both peaks. `exact.acceleration.cells`
+has other variables: logarithms of times, and velocities counted from each segment's mean. IPOPT
+meets its inequalities to a tolerance only, so the caller dilates the answer until it is exactly
 reachable. Section 4's program is in `exact.jerk.by_ipopt`.
 """
 

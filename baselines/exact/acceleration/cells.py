@@ -1,13 +1,13 @@
 """The unknowns of the program of `exact.acceleration`, cell by cell.
 
 A cell is one segment of one joint. Its unknowns are both end velocities and both peaks, counted
-from the segment's mean velocity in units of its time (mathematics, section 3); the others are the
-logarithms of the segment times and the waypoint velocities. What happens in a cell depends on one
-segment time and two waypoint velocities only.
+from the segment's mean velocity in units of its time (mathematics, section 3). The other unknowns
+are the logarithms of the segment times, and the waypoint velocities. The inequalities of a cell
+depend on one segment time and two waypoint velocities only.
 
-On small arrays a call's overhead dominates, and a call that broadcasts costs as much as three that
-do not. So several starts share every table, numbers that are the same for all starts are repeated,
-and the axes of two come first: `(2 ends, 2 sides, starts, segments, joints)`.
+On small arrays the overhead of a NumPy call dominates, and a call that broadcasts costs as much as
+three that do not. So several starts share every array, constants are repeated for each start, and
+the axes of length two come first: `(2 ends, 2 sides, starts, segments, joints)`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def both_sides(ends: Array) -> Array:
 
 
 def _by_axes_of_two(limits: ArrayLike) -> Array:
-    """Limits `(…, segments or 1, joints)`, for tables of so many axes of two."""
+    """Return limits `(…, segments or 1, joints)` with an axis for the starts inserted."""
     tables = np.asarray(limits)
     return tables[..., None, :, :]
 
@@ -116,7 +116,7 @@ class AccelerationTables:
         self.rows: tuple[int, ...] = self.lowest.shape
         self.passing: Array | None = None
         if scaled.by_segment:
-            # at the end of a segment the next one's limits count too; the last has no next one
+            # at a segment's end the next segment's velocity limits count too; the last has none
             low, high = scaled.waypoint_v
             passing = np.full((2, *scaled.h.shape), np.inf)
             passing[:, : len(high)] = high, -low

@@ -1,13 +1,15 @@
-"""The program of `exact.acceleration`, where a route asks for more than exact waypoints.
+"""The program of `exact.acceleration` for routes with demands.
 
-Three demands have inequalities or unknowns of their own; without any of them `newton_step` solves
-the same program faster.
+Three demands add inequalities or unknowns. Without them `newton_step` solves the same program
+faster.
 
-- *Least times*: `log T ≥ log τ`, one inequality a segment.
+- *Least times*: `log T ≥ log τ`, one inequality for each segment.
 - *Tolerance*: the inner waypoints' offsets `p` are unknowns, `|p| ≤ r`. A cell's displacement grows
-  by the offset at its end less the one at its start, so in the cell's units its reach changes by
-  `(p' − p)/T²`. In the chain an offset takes the place of an acceleration.
-- *Closed motion*: the last waypoint's velocity is the first one's, one more unknown for each joint.
+  by the offset `p'` at its end less the one `p` at its start. So its displacement inequality
+  changes by `(p' − p)/T²`, in the cell's units. In the chain an offset stands where the program
+  with jerk limits has an acceleration.
+- *Closed motion*: the first and the last waypoint have one velocity, one more unknown for each
+  joint.
 """
 
 from __future__ import annotations
@@ -37,10 +39,10 @@ class DemandUnknowns(NamedTuple):
 
     Attributes:
         log: logarithms of the segment times in stop times, `(starts, segments)`.
-        velocity: at the inner waypoints; of a closed motion at all but the first,
+        velocity: at the inner waypoints; of a closed motion at all waypoints but the first,
             `(starts, waypoints, joints)`.
-        inner: of the cells, as `AccelerationUnknowns` has them.
-        offset: of the same waypoints, from their nominal positions, likewise.
+        inner: end velocities and peaks of the cells, see `AccelerationUnknowns`.
+        offset: of the same waypoints from their nominal positions, likewise.
     """
 
     log: Array
@@ -50,23 +52,23 @@ class DemandUnknowns(NamedTuple):
 
     @property
     def ends(self) -> Array:
-        """Velocities at the start and at the end, from the mean one, in units of the time."""
+        """Return the velocities at both ends, from the mean one, in units of the time."""
         return self.inner[0]
 
     @property
     def peaks(self) -> Array:
-        """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
+        """Return the peaks of the upper and the mirrored lower profile, in the units of `ends`."""
         return self.inner[1]
 
 
 class DemandTables(AccelerationTables):
-    """The constant tables of the program, with those of the demands."""
+    """The constant tables of the program, and of the demands."""
 
     def __init__(self, scaled: Any, starts: int) -> None:
         super().__init__(scaled, starts)
         self.tolerant = bool(scaled.tolerance.any())
         self.bounded = scaled.least > 0
-        # half widths of the boxes of the waypoints at each cell's end, 1 where they are exact
+        # half width of the box around the waypoint at each cell's end; 1 for an exact waypoint
         box = np.zeros(self.every)
         box[:, : len(scaled.tolerance)] = scaled.tolerance
         self.free = box > 0
@@ -77,19 +79,19 @@ class DemandTables(AccelerationTables):
         return DemandTables(self.scaled, starts)
 
     def offsets(self, offset: Array) -> Array:
-        """Offsets at the start and the end of each segment, 0 at the motion's ends."""
+        """Return the offsets at the start and the end of each segment, 0 at the motion's ends."""
         return at_ends(offset, closed=self.scaled.closed)
 
     def start(self, times: Array, velocities: Array) -> Any:
-        """The start without demands, its waypoints in the middle of their boxes."""
+        """Return the initial guess without demands: times not below the least, offsets of 0."""
         point = super().start(np.maximum(times, self.scaled.least * (1 + 1e-3)), velocities)
         return DemandUnknowns(*point, np.zeros_like(velocities))
 
     def clipped(self, point: Any) -> Any:
-        """End velocities and peaks where an answer can have them.
+        """Return the point with ends and peaks clipped to where an answer can have them.
 
-        They count from the mean velocity between the nominal waypoints; the bounds from the one
-        between the waypoints as they are.
+        They are counted from the mean velocity between the nominal waypoints, their bounds from
+        the mean velocity between the waypoints with their offsets.
         """
         if not isinstance(point, DemandUnknowns):
             return super().clipped(point)
@@ -104,12 +106,12 @@ class DemandTables(AccelerationTables):
 
 
 class DemandInequalities(AccelerationInequalities):
-    """The rows of `newton_step.AccelerationInequalities`, and after them those of the demands.
+    """The inequalities of `newton_step.AccelerationInequalities`, then those of the demands.
 
-    A kind of row that a cell lacks is the constant 1 there.
+    A kind of inequality that a cell does not have is the constant 1 there.
     """
 
-    # what has not converged by then cycles: a time tends to 0, or a box is as wide as the way
+    # A start that needs more cycles: a time tends to 0, or a box is as wide as the displacement.
     max_iterations = 300
 
     cells: DemandTables
@@ -143,7 +145,7 @@ class DemandInequalities(AccelerationInequalities):
 
     @cached_property
     def slopes(self) -> Array:
-        """Every row's gradient over the variables of its side of a cell.
+        """Gradients of the inequalities by the variables of their side of a cell.
 
         `(6 variables, kinds, 2 sides, starts, segments, joints)`.
         """
@@ -172,9 +174,9 @@ class DemandLinearisation:
     """The program near a point, its peaks eliminated as in `newton_step`.
 
     Args:
-        rows: the program at the point.
-        multipliers: of the rows.
-        weights: `z / s` of each row, multiplier over slack.
+        rows: the inequalities at the point.
+        multipliers: of the inequalities.
+        weights: `z / s` of each inequality, multiplier over slack.
     """
 
     def __init__(self, rows: DemandInequalities, multipliers: Array, weights: Array) -> None:
@@ -183,7 +185,7 @@ class DemandLinearisation:
         t = rows.t
         room, reach = multipliers[:2]
         steep = cells.h / t / t
-        # the Lagrangian's second derivatives, and each row's gradient squared times its weight
+        # each inequality's gradient squared times its weight; then the Lagrangian's Hessian
         matrix = np.einsum("ik...,jk...->ij...", weights * slopes, slopes)
 
         def add(i: int, j: int, values: Array) -> None:
@@ -197,7 +199,7 @@ class DemandLinearisation:
             add(x, x, curved)
             add(x, _PEAK, -curved)
             add(_PEAK, _PEAK, curved)
-            # x counts from the mean velocity, which changes with s
+            # x is counted from the mean velocity, which changes with s
             add(_S, _S, pulled * (steep + rows.x[end]))
             add(_S, x, pulled)
         add(_S, _S, room * rows.cruise)
@@ -217,7 +219,7 @@ class DemandLinearisation:
         summed = (matrix * signs[:, None] * signs).sum(axis=2)
         self.used = [_S, _X0, _P0, _X1, _P1] if cells.tolerant else [_S, _X0, _X1]
         if cells.tolerant:
-            # a waypoint that is exact stays where it is
+            # an exact waypoint has no offset: an entry on the diagonal keeps the matrix regular
             summed[_P1, _P1] += ~cells.free
         own = summed[np.ix_(self.used, self.used)].transpose(2, 3, 4, 0, 1)
         links = Links(steep[0] - rows.point.ends, rows.missing)
@@ -225,7 +227,7 @@ class DemandLinearisation:
         self.chain = Chain(rows.times, links, np.ascontiguousarray(own), cells.scaled.closed)
 
     def slope(self, multipliers: Array) -> Array:
-        """The largest entry of the Lagrangian's gradient, `(starts,)`."""
+        """Return the largest entry of the Lagrangian's gradient, `(starts,)`."""
         gradient = (self.rows.slopes * multipliers).sum(axis=1)
         of_peaks = np.abs(gradient[_PEAK]).max(axis=(0, 2, 3))
         by_cell = self._by_cell(gradient)
@@ -233,17 +235,17 @@ class DemandLinearisation:
         cells = self.rows.cells
         if not cells.tolerant:
             return steepest
-        # an offset as large as its box
+        # offsets count in units of their boxes
         over = np.abs(self.chain.offsets(self.chain.gradient(by_cell)))
         return np.maximum(steepest, (over * cells.box[:, : over.shape[1]]).max(axis=(1, 2)))
 
     def step(self, aim: Array) -> tuple[DemandUnknowns, Array]:
-        """The Newton step to these multipliers, and by how much it changes every row."""
+        """Return the Newton step to these multipliers, and its first-order change of the slacks."""
         gradient = (self.rows.slopes * aim).sum(axis=1)
         of_peaks = gradient[_PEAK] / self.peak
         gradient[:_PEAK] -= self.by_peak * gradient[_PEAK]
         solved = self.chain.step(self._by_cell(gradient))
-        # back: peaks from what they were eliminated by
+        # Back substitution: peaks from the other variables.
         own = np.zeros((_PEAK, *solved.cells.shape[:-1]))
         own[self.used] = np.moveaxis(solved.cells, -1, 0)
         sided = own[:, None] * self.signs
@@ -259,9 +261,9 @@ class DemandLinearisation:
         return step, (self.rows.slopes * everything[:, None]).sum(axis=0)
 
     def bending(self, step: DemandUnknowns) -> None:
-        """Unknown: clipping mends what a step misses."""
+        """Return None: clipping replaces a second-order correction."""
 
     def _by_cell(self, gradient: Array) -> Array:
-        """A gradient over the variables of both sides, over the cells' variables."""
+        """Return the gradient by the cells' variables, from that by the variables of both sides."""
         summed = (gradient[:_PEAK] * self.signs).sum(axis=1)
         return np.moveaxis(summed[self.used], 0, -1)

@@ -1,10 +1,11 @@
-"""Starts of a motion that begins or ends in motion: one on each side of every gap in time.
+"""Initial guesses where a motion begins or ends in motion: one on each side of every gap in time.
 
-A joint that cannot stop before the next waypoint, `v0² > 2 A h`, passes it before
-`(v0 − √(v0² − 2 A h)) / A` or after `(v0 + √(v0² − 2 A h)) / A`, and never in between (mathematics,
-section 3). A descent does not cross such a gap. So the starts stand in every interval of time that
-the gaps of all joints leave: from the first waypoint on as long as there is no time to stop,
-backwards from the last one likewise, and in all combinations.
+A joint begins at the velocity `v0` and cannot stop before the next waypoint: `v0² > 2 A h`. It can
+pass this waypoint before `(v0 − √(v0² − 2 A h)) / A` or after `(v0 + √(v0² − 2 A h)) / A`, but not
+in between (mathematics, section 3). A descent does not cross such a gap. So there is an initial
+guess in every interval of time between the gaps of all joints. The first segment has such
+intervals, and each next one as long as the joints have had no time to stop. Backwards from the last
+segment it is the same. The guesses are all combinations of these intervals.
 """
 
 from __future__ import annotations
@@ -20,24 +21,25 @@ from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 
 MAX_STARTS = 64
-# Beside the edge of an interval, as a factor of the time.
+# Time of a guess, relative to the start of its interval.
 _INSIDE = 1.1
-# Place of a slow start in an interval of time before a gap.
+# Place of a second, slower guess in an interval before a gap, as a share of the interval.
 _SLOW_SHARE = 0.95
-# Share of the velocity limits that a start uses at most.
+# Largest share of the velocity limits that a guess uses.
 _LIMIT_SHARE = 0.98
-# Times at which a segment between two given velocities is tried.
+# Number of times that are tried for a segment between two given velocities, and for a problem of
+# one segment; there each edge of an interval is then halved so many times.
 _TRIED = 600
 _BORDER_TRIED = 2000
 _HALVINGS = 60
-# The longest of them, relative to the time in which every joint can stop.
+# The longest time that is tried, relative to the time in which every joint can stop.
 _LONGEST = 4.0
 
 Start = tuple[Array, Array]  # segment times, waypoint velocities
 
 
 class _Way(NamedTuple):
-    """The segments in their order, or in the order backwards in time.
+    """The segments in the order of time, or backwards in time.
 
     Attributes:
         h: Displacements, `(segments, joints)`.
@@ -52,16 +54,16 @@ class _Way(NamedTuple):
 
     @property
     def backwards(self) -> _Way:
-        """Backwards in time: velocities change their signs, and so do their limits."""
+        """Return the segments backwards in time, where velocities and their limits change sign."""
         return _Way(-self.h[::-1], -self.v[::-1, ::-1], self.a[:, ::-1], self.stop[::-1])
 
 
 class _Fast(NamedTuple):
-    """The beginning of a way that is passed before the joints have time to stop.
+    """Times and velocities of the first segments, in which the joints have no time to stop.
 
     Attributes:
-        times: Of its segments.
-        velocities: At the waypoints from the first one on, one more than times.
+        times: Of these segments; none where the joints can stop in the first one.
+        velocities: At their waypoints, one more than times, `(joints,)` each.
     """
 
     times: tuple[float, ...]
@@ -69,7 +71,7 @@ class _Fast(NamedTuple):
 
 
 def starts(scaled: Scaled) -> list[Start]:
-    """Return segment times and inner velocities in every combination of intervals.
+    """Return initial guesses, segment times and inner velocities, in every combination.
 
     Args:
         scaled: A problem that begins or ends in motion.
@@ -108,11 +110,11 @@ def _starts(scaled: Scaled) -> Iterator[Start]:
 
 
 def borders(scaled: Scaled) -> list[float]:
-    """Return every time at which a problem of one segment may become possible, the least first.
+    """Return the times at which a problem of one segment may become possible, in order.
 
-    There a joint reaches its waypoint with an extreme profile, or accelerates evenly. The shortest
-    of these times that is possible is the optimum: no descent is needed, and none ends where what
-    is possible before a gap is one single time.
+    At such a time one joint reaches its waypoint with an extreme profile, or with constant
+    acceleration. The first of these times that is possible for all joints is the optimum. It is
+    found without a descent, also where a gap leaves one single time before it.
     """
     (u, w), h = scaled.end_v, scaled.h[0]
     v, a = (own.reshape(2, -1, len(h))[:, 0] for own in (scaled.v, scaled.a))
@@ -139,14 +141,17 @@ def borders(scaled: Scaled) -> list[float]:
 
 
 def _fast(way: _Way, u: Array) -> Iterator[_Fast]:
-    """Every beginning before the joints can stop, the empty one first; a segment is always left."""
+    """Yield every combination of intervals before the joints can stop, first that of no segment.
+
+    At least one segment is left.
+    """
     yield _Fast((), (u,))
     begun = [_Fast((), (u,))]
     for segment in range(len(way.h) - 1):
         longer = []
         for own in begun:
             for time in _intervals(way, segment, own.velocities[-1])[:-1]:
-                # as a constant acceleration leads
+                # velocity at the end of a constant acceleration
                 w = 2 * way.h[segment] / time - own.velocities[-1]
                 low, high = _LIMIT_SHARE * way.v[:, segment]
                 velocities = (*own.velocities, np.clip(w, low, high))
@@ -156,7 +161,7 @@ def _fast(way: _Way, u: Array) -> Iterator[_Fast]:
 
 
 def _between(way: _Way, segment: int, u: Array, w: Array) -> list[float]:
-    """A time in every interval in which a segment leads from `u` to `w`, of those tried."""
+    """Return a time of every interval in which a segment leads from velocity `u` to `w`."""
     v, a, h = way.v[:, segment], way.a[:, segment], way.h[segment]
     low = max(float(np.maximum(h / v[1], h / v[0]).max()), float(np.abs((w - u) / a).max() / 4))
     high = _LONGEST * max(float(_intervals(way, segment, u)[-1]), float(way.stop[segment]), low)
@@ -174,12 +179,12 @@ def _between(way: _Way, segment: int, u: Array, w: Array) -> list[float]:
 
 
 def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
-    """Times in every interval that the gaps of all joints leave; the last one has no end.
+    """Return times in every interval between the gaps of all joints; the last one has no end.
 
     The velocities at the segment's end are free.
     """
     h, v, a = way.h[segment], way.v[:, segment], way.a[:, segment]
-    # as if every joint moved upwards; one that stays, the way in which it starts
+    # mirrored so that displacements are positive; where one is 0, the first velocity
     side = np.where(h == 0, np.where(v0 < 0, -1.0, 1.0), np.sign(h))
     u = side * v0
     distance = side * h
@@ -198,7 +203,7 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
     for begin, end in sorted(gaps):
         if begin >= low:
             found.append(min((low + begin) / 2, _INSIDE * low) if low > 0 else begin / 2)
-            # also as slow as there is time for: the next waypoint may want that
+            # a slower guess too: the next segment may require a low velocity
             found.append(low + _SLOW_SHARE * (begin - low))
         low = max(low, end)
     found.append(max(_INSIDE * low, float(way.stop[segment])))
@@ -206,7 +211,7 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
 
 
 def _earliest(u: Array, way: Array, top: Array, speeding: Array) -> Array:
-    """The first passage: to the top speed, then at it."""
+    """Return each joint's least time: it speeds up to its velocity limit, then cruises."""
     peak = np.sqrt(u**2 + 2 * speeding * way)
     ramp = (top**2 - u**2) / (2 * speeding)
     cruising = (top - u) / speeding + (way - ramp) / top

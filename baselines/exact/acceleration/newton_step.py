@@ -39,22 +39,23 @@ class Gradients(NamedTuple):
 class AccelerationInequalities:
     """Every inequality of the program at a point: its value and its derivatives.
 
-    Two inequalities for each side of a cell: `room`, the slack of the peak `p` below the velocity
-    limit, and `reach`, the extreme displacement beyond `h`. By the logarithm `s` of the time `T`,
-    the end velocities `x` and `p` they have the derivatives `room_s`, `room_p`, `reach_x` and
+    Each side of a cell has two inequalities: `room`, the slack of the peak `p` below the velocity
+    limit, and `reach`, the extreme displacement minus `h`. Their derivatives by the logarithm `s`
+    of the time `T`, the end velocities `x` and the peak `p` are `room_s`, `room_p`, `reach_x` and
     `reach_p`.
 
-    Where limits differ from segment to segment, a third: what the velocity at a cell's end leaves
-    of both its segments' limits, with the gradients `passing_s` and `passing_x` over `s` and that
-    end's `x`. Inside one segment no row is needed for it (mathematics, section 3).
+    Where limits differ from segment to segment there is a third one, `passing`: the slack of the
+    velocity at a cell's end below the tighter limit of both segments there. Its derivatives by `s`
+    and that end's `x` are `passing_s` and `passing_x`. With the same limits in all segments it is
+    not needed (mathematics, section 3).
 
     Attributes:
-        values: what is left, negative where a row is broken,
+        values: slacks, negative where an inequality is violated,
             `(kinds, 2 sides, starts, segments, joints)`.
         times: of the segments, `(starts, segments)`.
         t: the same for every joint.
-        x: end velocities as both sides see them.
-        cruise: velocity of the cruise, in the fastest ones.
+        x: end velocities for both sides, mirrored for the lower one.
+        cruise: velocity of the cruise, in units of `AccelerationTables.top`.
     """
 
     start_slack = 0.1
@@ -162,13 +163,13 @@ class AccelerationInequalities:
 class AccelerationLinearisation:
     """The program near a point: linear inequalities, a quadratic objective, peaks eliminated.
 
-    With `s` the logarithm of the time `T`, `x` an end velocity and `p` a peak. The matrix over
-    them is the Lagrangian's, and each row's gradient squared times its weight.
+    Variables are the logarithm `s` of the time `T`, the end velocities `x` and the peaks `p`. The
+    matrix is the Lagrangian's Hessian, plus each inequality's gradient squared times its weight.
 
     Args:
-        rows: the program at the point.
-        multipliers: of the rows.
-        weights: `z / s` of each row, multiplier over slack.
+        rows: the inequalities at the point.
+        multipliers: of the inequalities.
+        weights: `z / s` of each inequality, multiplier over slack.
     """
 
     def __init__(self, rows: AccelerationInequalities, multipliers: Array, weights: Array) -> None:

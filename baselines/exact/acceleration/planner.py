@@ -1,11 +1,12 @@
 """The exact minimum time with velocity and acceleration limits (mathematics, section 3).
 
-No discretisation. For one joint over one segment of time `T` with end velocities `u`, `w`, the
-displacements that the limits allow fill an interval `[D_lo, D_up]`; its ends come from speeding up
-to a peak `p`, cruising and braking. With the peaks as variables the minimum-time problem is a small
-smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so there are several
-starts, and the answer is the best known, not a proof. From each one an interior-point method made
-for this program (`exact.method.crossover`) leads to a local optimum.
+Nothing is discretised. A joint passes a segment of time `T` with the end velocities `u` and `w`.
+The displacements that the limits allow then fill an interval `[D_lo, D_up]`. At its ends the joint
+speeds up to a peak `p`, cruises and brakes. With the peaks as variables the minimum-time problem is
+a small smooth nonlinear program over segment times, waypoint velocities and peaks. It is not
+convex, so there are several initial guesses, and the answer is best known, not proved. From each
+guess an interior-point method made for this program (`exact.method.crossover`) leads to a local
+optimum.
 
     from baselines.exact.acceleration import Exact
     solution = Exact().solve(problem)
@@ -149,8 +150,8 @@ class Passing(Scaled):
             return self.shifted(offset).trajectory(times, velocities)
         *_, q_unit = self.units
         ends = with_outer(states, self.end_v, self.closed)
-        starts = self.problem.waypoints[:-1, self.moving]
-        walls = self.problem.limits.position[self.moving].T
+        starts = self.problem.waypoints[:-1]
+        walls = self.problem.limits.position.T
         task = SegmentTask(
             times[:, None],
             self.h,
@@ -174,7 +175,11 @@ class Passing(Scaled):
 
 
 def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
-    """The optimum of a problem of one segment: the first time that is possible."""
+    """Return the optimum of a problem of one segment: the first time that is possible.
+
+    Return None where the problem has more segments or demands, or where none of the times is
+    possible.
+    """
     if len(scaled.h) > 1 or scaled.has_demands:
         return None
     none = np.zeros((0, scaled.h.shape[1]))
@@ -207,7 +212,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
     reach = extremes(u, w, t, v, a)
     conditions = [
         scaled.least <= k * times,
-        # −V1 ≤ v ≤ V2 at the waypoints
+        # −V1 ≤ v ≤ V2 at the inner waypoints
         slowest <= velocities,
         velocities <= fastest,
         # −A1 T ≤ w − u ≤ A2 T
@@ -226,7 +231,7 @@ def repair(
     """Return the smallest dilation that makes times and waypoint velocities reachable.
 
     Solvers meet constraints to a tolerance; dilating by `k` widens every reachable interval.
-    Infinite where it were larger than the `largest`.
+    It is infinite where it would be larger than `largest`.
     """
     low = 1.0
     high = 1.0 + DILATION_TOL
@@ -250,7 +255,7 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
     Args:
         scaled: the problem.
         count: how many.
-        stopping: times the stop times is what the first one takes.
+        stopping: times of the first guess, relative to the stop times.
     """
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)

@@ -1,8 +1,8 @@
-"""Section 4's program as it is printed (4.5), by CasADi and IPOPT: a check of `exact.jerk`.
+"""The program (4.5) of the mathematics, by CasADi and IPOPT: a check of `exact.jerk`.
 
 Variables are the segment times, the waypoint states, and for both sides of each cell the levels and
-times of some motion. `exact.jerk.profiles` knows the extreme motions in closed form; here IPOPT
-finds them. Times count in stop times of their segment.
+holding times of a motion. `exact.jerk.profiles` has the extreme motions in closed form. Here IPOPT
+finds them. Segment times are in units of their stop times.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
 
-# An acceptable point misses no constraint by more than an optimal one does.
+# IPOPT's "acceptable" points violate constraints by no more than its optimal ones.
 _OPTIONS: Options = {
     **OPTIONS,
     "acceptable_tol": 1e-9,
@@ -29,12 +29,15 @@ _OPTIONS: Options = {
     "mu_strategy": "adaptive",
     "max_iter": 1000,
 }
-# Levels and times of a motion to start from, for both sides.
+# Initial guess of the levels and holding times, for both sides.
 _GUESS = [0.5, 0.0, -0.5, 0.125, 0.25, 0.125] * 2
 
 
 def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
-    """The local optimum that IPOPT finds from each start; infinite where it finds none."""
+    """Return the local optimum that IPOPT finds from each initial guess.
+
+    Its duration is infinite where IPOPT finds none.
+    """
     size = scaled.h.size
     stop = scaled.stop[:, None]
     limits = np.abs([*scaled.v, *scaled.r])
@@ -42,7 +45,7 @@ def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
     v1, v2, r1, _ = limits
     cells = np.zeros_like(scaled.h)
     inner = cells[1:]
-    # without a jerk limit acceleration jumps at waypoints too: it has no value there
+    # without a jerk limit acceleration may jump at a waypoint, and has no value there
     jerky = (r1 > 0).any(axis=0)
     longest = LONGEST * scaled.stop.sum()
     lowest = [scaled.shortest / scaled.stop, inner - v1, inner - jerky * a1]
@@ -75,7 +78,10 @@ def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[LocalOptimum]:
 
 @cache
 def _solver(segments: int, joints: int) -> Program:
-    """IPOPT for all problems of this size, built once; displacements and limits are parameters."""
+    """Return IPOPT's program for all problems of this size, built once.
+
+    Displacements and limits are its parameters.
+    """
     ca = backend("casadi")
 
     def tables(count: int, rows: int) -> list[Any]:
@@ -101,12 +107,12 @@ def _solver(segments: int, joints: int) -> Program:
     mirrored_ends = [-end for end in ends]
 
     def rows(side: list[Any], ends: list[Any], h: Any, limits: tuple[Any, Any, Any]) -> Any:
-        """Rows that vanish, and rows that are not negative, of the motion of one side."""
+        """Return the equations, then the inequalities `≥ 0`, of the motion of one side."""
         rise, level, fall, rise_hold, cruise, fall_hold = side
         u, a, w, b = ends
         top, up, down = limits
         phases = [
-            # length, and the acceleration that it starts from and ends with
+            # duration, acceleration at its start and at its end
             (up * (rise - a), a, rise),
             (rise_hold, rise, rise),
             (down * (rise - level), rise, level),
@@ -131,7 +137,7 @@ def _solver(segments: int, joints: int) -> Program:
         return [spent - t, speeds[-1] - w], [travelled - h, *ramps, *slower]
 
     equal, least = rows(upper, ends, h, (v2, r2, r1))
-    # the other side is its mirror image
+    # the lower side is the mirror image of the upper one
     mirrored, as_least = rows(lower, mirrored_ends, -h, (v1, r1, r2))
     return program(
         "exact_jerk",

@@ -1,14 +1,15 @@
 """The jerk-limited program, cell by cell: unknowns, inequalities, Newton steps (mathematics, 4).
 
-A cell is one segment of one joint. The unknowns are the logarithms of the segment times, velocity
-and acceleration at the inner waypoints, and each cell's own end velocities `x`, counted from its
-mean velocity in units of its time: `h/T + T x = v` links them to the waypoint's. What happens in a
-cell depends on its time, its end velocities and its waypoints' accelerations only. Several starts
-share every table: `(2 ends, 2 sides, starts, segments, joints)`.
+A cell is one segment of one joint, with the time `T` and the displacement `h`. The unknowns are the
+logarithms of the segment times, velocity and acceleration at the inner waypoints, and the cells'
+end velocities `x`. They are counted from the cell's mean velocity, in units of its time. A link
+ties each to its waypoint's velocity `v`: `h/T + T x = v`. The inequalities of a cell depend on its
+time, its end velocities and its waypoints' accelerations only. Several starts share every array:
+`(2 ends, 2 sides, starts, segments, joints)`.
 
-A Newton step is a line in 1/T, the accelerations, and of both `x` at a waypoint the one in the
-briefer segment. There the velocities are all but linear: in a segment of 1e-7 s they are not in
-the logarithm of its time.
+Along a Newton step 1/T, the accelerations, and at each waypoint the `x` of the shorter segment
+change linearly. The velocities then change nearly linearly too. Along a step that is linear in
+`log T` they would not, in a segment of 1e-7 s.
 """
 
 from __future__ import annotations
@@ -31,22 +32,22 @@ from baselines.exact.method.interior_point import MIN_KEPT_SLACK, ROW_AXES, chos
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
-# Rows of the reach of a cell, where the extreme profiles are of both kinds; after them those of
-# acceleration and of velocity at a cell's end, then one of the least time; where limits differ from
-# segment to segment the last ones are of velocity at a cell's start, and before them those of
-# velocity at a cell's end where one instant passes several waypoints: the segments between them
-# have limits there.
+# Order of a cell's inequalities, each for both sides: displacement (of both kinds of profiles, see
+# `JerkTables`), acceleration and velocity at the cell's end. Then the least time, if one is asked
+# for. Where limits differ from segment to segment, the velocity at the cell's start is last; before
+# it, where one instant passes several waypoints, the velocity at the cell's end under the limits of
+# the segments between them.
 REACH = 4
 SLOWER = slice(REACH, REACH + 2)
 FASTER = slice(REACH + 2, REACH + 4)
 LEAST = REACH + 4
 EARLY = slice(-2, None)
 PASSED = slice(-4, -2)
-# A segment's end is seen backwards, where acceleration changes its sign.
+# Signs of acceleration at both ends: the end is seen backwards in time, where it is mirrored.
 FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
-# A residual of a link up to this, relative to its velocities, is rounding.
+# A smaller residual of a link, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
-# Barrier parameter of a start, times the number of rows, relative to the duration.
+# Barrier parameter of a start, times the number of inequalities, relative to the duration.
 START_BARRIER_RTOL = 0.1
 
 
@@ -71,8 +72,9 @@ class JerkTables:
 
     Args:
         scaled: the problem.
-        kinds: of extreme profiles on each side: 2 are smooth, without the velocity limit and with a
-            cruise that may be a little negative; 1 is the lesser of both, with a kink.
+        kinds: extreme profiles on each side. 2: one without the velocity limit and one with a
+            cruise, which may take a little negative time; both are smooth. 1: the lesser of the
+            two, with a kink where the cruise begins.
     """
 
     def __init__(self, scaled: Scaled, kinds: int = 1) -> None:
@@ -87,7 +89,7 @@ class JerkTables:
         self.scaled = scaled
         self.beyond = kinds > 1
         self.signs = sides(one, -one)
-        # signs of a cell's variables as each side sees them, in the order of `jerk.profiles`
+        # signs of a cell's variables on each side, in the order of `jerk.profiles`
         self.seen = np.ones((5, *self.signs.shape))
         self.seen[1:4] = self.signs
         self.seen[4] = -self.signs
@@ -105,7 +107,7 @@ class JerkTables:
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None]
         self.by_segment = scaled.by_segment
-        # which cells start at a waypoint with a state
+        # cells whose first waypoint has a velocity and an acceleration among the unknowns
         self.starts = np.ones((1, 1, len(scaled.h), 1), dtype=bool)
         self.starts[:, :, 0] = scaled.closed
         if self.by_segment:
@@ -117,33 +119,36 @@ class JerkTables:
             self.passing = np.full((2, 1, *scaled.h.shape), np.inf)
             self.passing[:, 0, : len(high)] = high, -low
         self.closed = scaled.closed
-        # where the motion's last state is given, the rows of that waypoint say nothing
+        # a given last state needs no inequalities: those of that waypoint are the constant 1
         self.given = bool(np.any(scaled.end_v) or np.any(scaled.end_a))
         self.least = scaled.least if scaled.least.any() else None
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
-        """The point of these segment times, `(starts, segments)`, and states, its links met."""
+        """Return the point with these segment times, `(starts, segments)`, and waypoint states.
+
+        Its end velocities keep every link.
+        """
         t = times[..., None]
         ends = (at_ends(velocity, self.scaled.end_v, self.closed) - self.h / t) / t
         return JerkUnknowns(np.log(times), ends, velocity, acceleration)
 
 
 class JerkInequalities:
-    """Every inequality of the program at a point, and what the links miss.
+    """The inequalities of the program at a point, and the residuals of its links.
 
     Attributes:
-        values: of all: the reach, what the limits of acceleration leave at a cell's end, and what
-            those of velocity leave after the ramp that ends this acceleration, both sides of each,
-            `(rows, 1, starts, segments, joints)`. Where limits differ from segment to segment, the
-            ramp is in the cell that it passes: backwards in the one before a waypoint, forwards in
-            the one after it.
-        reach: what the extreme displacements leave, in units of the cell's time squared,
+        values: slack of every inequality, `(inequalities, 1, starts, segments, joints)`: first the
+            displacement; at a cell's end the acceleration; there the velocity after the ramp that
+            ends this acceleration. Each is for both sides. Where limits differ from segment to
+            segment, a ramp counts in the cell in which it lies: the one before a waypoint if it
+            runs backwards in time, the one after it if forwards.
+        reach: slack of the extreme displacements, in units of the cell's time squared,
             `(sides, starts, segments, joints)`.
         t: the segment times, `(starts, segments, 1)`.
     """
 
     start_slack = 0.0
-    # a smaller gap leaves the stored motion no slack for its rounding
+    # with a smaller gap, rounding would bring the stored motion beyond its limits
     min_gap_rtol = 3e-13
     max_log_step = 0.7
 
@@ -200,28 +205,34 @@ class JerkInequalities:
         self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, 0, 0].size
 
     def linear(self, multipliers: Array, weights: Array) -> JerkLinearisation:
-        """The model of a Newton step; `weights` are multiplier over slack of each row."""
+        """Return the model of a Newton step. `weights`: multiplier over slack, per inequality."""
         return JerkLinearisation(self, multipliers, weights)
 
     def after(self, step: JerkUnknowns, length: Array) -> JerkInequalities:
-        """The rows after such a length of a step, `(starts,)`: 1/T changes evenly."""
+        """Return the inequalities after this length of a step, `(starts,)`.
+
+        1/T changes linearly with the length.
+        """
         point = moved(self.point, step, length)
         shorter = np.log1p(-length[:, None] * step.log)
         return JerkInequalities(self.cells, point._replace(log=self.point.log - shorter))
 
     def follows(self, before: JerkInequalities) -> Bools:
-        """Return whether every row keeps its share and every state is reachable, `(starts,)`."""
+        """Return where slacks keep their least share and states are reachable, `(starts,)`."""
         kept = (self.values / before.values).min(axis=ROW_AXES)
         reachable = self.profiles.reachable.all(axis=(0, 2, 3))
         return np.asarray((kept >= MIN_KEPT_SLACK) & reachable)
 
     def of(self, some: Bools) -> JerkInequalities:
-        """The rows of some of the starts."""
+        """Return the inequalities of some of the starts."""
         return JerkInequalities(self.cells, chosen(self.point, some))
 
     @cached_property
     def slopes(self) -> Slopes:
-        """How all rows change with a cell's variables, and the first of these, the reach, twice."""
+        """Derivatives of the inequalities by a cell's variables.
+
+        The first ones of all, the second ones of the displacements.
+        """
         reach, second = self.profiles.slopes()
         seen = self.cells.seen
         second *= seen[:, None]
@@ -262,17 +273,17 @@ class JerkInequalities:
 
     @property
     def apart(self) -> Array:
-        """The most that a link misses, `(starts,)`."""
+        """The largest residual of a link, in units of the cells' ends, `(starts,)`."""
         return np.asarray(np.abs(self.missing).max(axis=(0, 2, 3)))
 
 
 class JerkLinearisation:
-    """The program near a point: rows linear, the Lagrangian quadratic.
+    """The program near a point: linear inequalities, a quadratic Lagrangian.
 
     Args:
-        rows: the program at the point.
-        multipliers: of the rows.
-        weights: `z / s` of each row, multiplier over slack.
+        rows: the inequalities at the point.
+        multipliers: of the inequalities.
+        weights: `z / s` of each inequality, multiplier over slack.
     """
 
     def __init__(self, rows: JerkInequalities, multipliers: Array, weights: Array) -> None:
@@ -291,32 +302,34 @@ class JerkLinearisation:
         matrix[after, after] += (bend * (rows.ramped != 0) if cells.by_segment else bend).sum(
             axis=0
         )
-        pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
-        # v follows 1/T and the briefer segment's end: that end feels what presses on v elsewhere
-        own = pull[list(VELOCITIES)] / rows.t
-        pressed = own.copy()
+        gradient = (z[:REACH] * first[:, :REACH]).sum(axis=1)
+        # v depends on 1/T and on the `x` of the shorter segment. So the derivatives by v at the
+        # other segment's end, and of the velocity limits, count as derivatives by that `x`.
+        by_end = gradient[list(VELOCITIES)] / rows.t
+        by_velocity = by_end.copy()
         late = z[FASTER] if cells.passing is None else z[FASTER] + z[PASSED]
         by_limits = late * cells.signs[:2]
-        pressed[1] -= by_limits.sum(axis=0)
+        by_velocity[1] -= by_limits.sum(axis=0)
         if cells.by_segment:
             early = z[EARLY] * cells.starts
             matrix[before, before] += (early * cells.falling * (rows.ramping != 0)).sum(axis=0)
-            pressed[0] -= (early * cells.signs[:2]).sum(axis=0)
-        whole = pressed + beside_it(pressed, cells.closed)
-        bent = rows.t * (own - np.where(owners(rows.times, cells.closed), whole, 0.0))
-        twice = 2 * bent * ends
-        matrix[TIME, TIME] += twice.sum(axis=0) - pull[TIME]
-        # along a line in 1/T the time bends by T: a share of each joint
-        matrix[TIME, TIME] += rows.t / bent.shape[-1]
+            by_velocity[0] -= (early * cells.signs[:2]).sum(axis=0)
+        of_both_cells = by_velocity + beside_it(by_velocity, cells.closed)
+        owned = owners(rows.times, cells.closed)
+        mixed = rows.t * (by_end - np.where(owned, of_both_cells, 0.0))
+        twice = 2 * mixed * ends
+        matrix[TIME, TIME] += twice.sum(axis=0) - gradient[TIME]
+        # second derivative of T along a step that is linear in 1/T, shared among the joints
+        matrix[TIME, TIME] += rows.t / mixed.shape[-1]
         if cells.least is not None:
             matrix[TIME, TIME] -= z[LEAST] * first[TIME, LEAST]
-        for v, twist in zip(VELOCITIES, bent, strict=True):
-            matrix[TIME, v] += twist
-            matrix[v, TIME] += twist
+        for v, by_time in zip(VELOCITIES, mixed, strict=True):
+            matrix[TIME, v] += by_time
+            matrix[v, TIME] += by_time
         links = Links(rows.steep - ends, rows.missing)
         self.rows = rows
         self.weights = w
-        # the velocity rows miss what the links miss
+        # the residual of a link is one of the velocity's inequality too
         self.missed = np.zeros_like(w)
         self.missed[FASTER] = rows.t * cells.signs[:2] * rows.missing[1]
         if cells.passing is not None:
@@ -328,16 +341,16 @@ class JerkLinearisation:
         self.chain = Chain(rows.times, links, self._by_cell(matrix), cells.closed)
 
     def slope(self, multipliers: Array) -> Array:
-        """The largest right-hand side of a step over the times, `(starts,)`.
+        """Return the largest entry of the right-hand side that belongs to a time, `(starts,)`.
 
-        It includes what the links miss: the barrier waits for both.
+        It includes the residuals of the links: the barrier parameter falls when both are small.
         """
         chain = self.chain
         gradient = chain.descent(self._gradient(multipliers))
         return np.asarray(np.abs(gradient[:, :: chain.layout.width]).max(axis=1))
 
     def step(self, aim: Array) -> tuple[JerkUnknowns, Array]:
-        """The Newton step to these multipliers, and by how much it changes every row."""
+        """Return the Newton step to these multipliers, and its first-order change of the slacks."""
         log, cells, velocity = self.chain.step(self._gradient(aim))
         by_variable = cells.transpose(3, 0, 1, 2)
         change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
@@ -346,7 +359,7 @@ class JerkLinearisation:
         return step, change[:, None]
 
     def bending(self, step: JerkUnknowns) -> Array:
-        """By how much a step changes every row at second order."""
+        """Return the second-order change of every slack by a step."""
         rows = self.rows
         changes = self._changes(step)
         log, _, before, _, after, *_ = changes
@@ -365,31 +378,32 @@ class JerkLinearisation:
         return table[:, None]
 
     def _changes(self, step: JerkUnknowns) -> Array:
-        """A step in the variables of every cell."""
+        """Return a step over the variables of every cell."""
         before, after = at_ends(step.acceleration, closed=self.rows.cells.closed)
         log = np.broadcast_to(step.log[..., None], after.shape)
         return np.array([log, step.ends[0], before, step.ends[1], after])
 
     def _by_cell(self, matrix: Array) -> Array:
-        """The matrix over each cell's variables, as `Chain` takes it."""
+        """Return the matrix over each cell's variables with the axes in the order of `Chain`."""
         return matrix.transpose(2, 3, 4, 0, 1)
 
     def _gradient(self, multipliers: Array) -> Array:
-        """The gradient of the rows over the cells' variables, with what the links miss."""
+        """Return the gradient over the cells' variables, the residuals of the links included."""
         pressed = multipliers[:, 0] - self.weights * self.missed
         gradient = (pressed * self.rows.slopes.first).sum(axis=1)
         return gradient.transpose(1, 2, 3, 0)
 
 
 def _sided(acceleration: Array, signs: Array) -> Array:
-    """Accelerations of these signs, 0 for the others: of both sides."""
+    """Return the accelerations that have a side's sign, for both sides, and 0 for the others."""
     return np.where(signs * acceleration > 0, acceleration, 0.0)
 
 
 def _longer(times: Array, least: Array, shape: tuple[int, ...]) -> Array:
-    """The logarithm of each segment's time over its least one, in its first joint's cell.
+    """Return `log(T / least T)` of each segment, `(1, starts, segments, joints)`.
 
-    1 where there is no least time, and in all other cells, `(1, starts, segments, joints)`.
+    It stands in the cell of the first joint. It is 1 in all other cells, and where a segment has no
+    least time.
     """
     longer = np.ones((1, *shape))
     own = np.where(least > 0, least, 1.0)

@@ -1,14 +1,14 @@
-"""Starts of a motion that begins or ends in motion, under jerk limits: inside every inequality.
+"""Initial guesses under jerk limits, where a motion begins or ends in motion.
 
-As without jerk limits (`exact.acceleration.gaps`) the times of the first and of the last segment
-leave gaps, which a descent does not cross. Here they have no closed form: the intervals between
-them are found on a grid of times, by the extreme profiles, for the best of a grid of states at the
-segment's other end. This method has to start inside all inequalities, so each start's states come
-from there too.
+The times that are possible for the first and the last segment have gaps, which a descent does not
+cross (`exact.acceleration.gaps`). Under jerk limits these gaps have no closed form. So the
+intervals between them are found on a grid of times, with the extreme profiles. At the segment's
+other end a grid of states is tried, and the one with the most slack is taken. The method has to
+start with positive slack in every inequality, and these times and states have that.
 
-Nothing is inside where an end state is at a limit. Such a joint is planned from states that are
-smaller by a share of 1e-4, and a linear program (`judging.slower`) brings the motion to the right
-ones; that costs some 1e-6 of the time, 1e-4 at most.
+An end state at a limit leaves no slack. Such a joint is planned with an end state that is smaller
+by 1e-4, relative. A linear program (`judging.slower`) then brings the motion to the right state. On
+20 problems that cost at most 5e-6 of the time.
 """
 
 from __future__ import annotations
@@ -31,28 +31,29 @@ from trajopt.judging.slower import slower
 from trajopt.judging.verification import keeping
 
 MAX_STARTS = 32
-# An end state this near a limit, relative, is moved off it by as much.
+# An end state within this share of a limit is made smaller by this share.
 OFF_LIMITS = 1e-4
-# Times that are tried in a segment, the longest of them relative to stopping, and the shortest.
+# Grid of times of a segment: how many, the longest and the shortest, relative to its stop time.
 _TIMES = 160
 _LONGEST = 30.0
 _SHORTEST = 1e-3
-# States that are tried at a segment's free end: shares of the velocity limits, and of the
-# accelerations that such a velocity leaves.
+# Grid of states at a segment's free end: velocities as shares of their limits, accelerations as
+# shares of the largest ones possible at such a velocity.
 _VELOCITIES = np.linspace(-0.95, 0.95, 21)
 _ACCELERATIONS = np.linspace(-0.9, 0.9, 5)
-# States that a brief segment leads to: jerks of its first and second half, shares of the limits.
+# States at the end of a short segment: jerks of its first and second half, as shares of the limits.
 _JERKS = (-0.8, -0.3, 0.0, 0.3, 0.8)
-# Times near which a joint keeps its velocity through a segment, relative to that time.
+# Further times of the grid, relative to the time of passing the segment at constant velocity.
 _PASSING = np.linspace(0.85, 1.15, 25)
-# A start's displacements are so far inside what is reachable, in units of the time squared.
+# Least slack of an initial guess's displacements, in units of the time squared.
 _SLACK = 1e-6
-# Times of the grid from the edge of an interval to a start; the later ones where all starts fail.
+# Distance of an initial guess from the edge of its interval, in times of the grid. The second value
+# is used where all guesses of the first fail, and so on.
 DEPTHS = (8, 20, 3, 50)
 
 
 class JerkStart(NamedTuple):
-    """Segment times, and velocities and accelerations at the inner waypoints."""
+    """An initial guess: segment times, and velocities and accelerations at the inner waypoints."""
 
     times: Array
     velocity: Array
@@ -60,14 +61,19 @@ class JerkStart(NamedTuple):
 
 
 class _Beside(NamedTuple):
-    """A time of a segment at an end, and velocity and acceleration at its other end."""
+    """A time of the first or last segment, and the state at its inner end.
+
+    Attributes:
+        time: in units of the problem; NaN where the segment has time to stop.
+        state: velocity and acceleration, `(2, joints)`.
+    """
 
     time: float
     state: Array
 
 
 def off_limits(problem: Problem) -> Problem:
-    """Return the problem with end states that are at a limit moved off it; itself if none is."""
+    """Return the problem with smaller end states where these are at a limit; else the problem."""
     demands = dict(problem.demands)
     moved = False
 
@@ -91,24 +97,24 @@ def off_limits(problem: Problem) -> Problem:
 
 
 def brought_back(problem: Problem, motion: Trajectory) -> Trajectory | None:
-    """Return a motion of the problem near one of the problem off its limits, if one is found."""
+    """Return a motion with the problem's own end states, near one of `off_limits`; or None."""
     found = slower(problem, motion.dilated(1 - 2 * OFF_LIMITS), partial(keeping, problem))
     return None if found is None else found.motion
 
 
 def starts(scaled: Scaled, depth: int = DEPTHS[0]) -> list[JerkStart]:
-    """Return a start in every combination of intervals.
+    """Return an initial guess in every combination of the intervals of both end segments.
 
     Args:
         scaled: A problem that begins or ends in motion.
-        depth: Times of the grid from the edge of an interval to a start.
+        depth: Distance of a guess from the edge of its interval, in times of the grid.
     """
     with np.errstate(all="ignore"):
         return list(islice(_starts(scaled, depth), MAX_STARTS))
 
 
 def more_starts(scaled: Scaled) -> Iterator[JerkStart]:
-    """Yield starts elsewhere in the intervals."""
+    """Yield initial guesses at other places of the intervals."""
     for depth in DEPTHS[1:]:
         yield from starts(scaled, depth)
 
@@ -144,7 +150,7 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
             for k, own in ((0, first), (segments - 1, last))
         ]
         middle = [_between(scaled, depth, k, *states[k : k + 2]) for k in range(1, segments - 1)]
-        if segments > 3:  # what has time to stop takes it
+        if segments > 3:  # only the last interval of each, in which there is time to stop
             middle = [own[-1:] for own in middle]
         for times in product(choices[0], *middle, choices[1]):
             inner = states[1:-1]
@@ -152,7 +158,7 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
 
 
 def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array) -> list[float]:
-    """A time in every interval in which a segment leads from a state to another."""
+    """Return a time of every interval in which the segment leads from `start` to `end`."""
     times = _grid(scaled, segment, (start[0] + end[0]) / 2)
     states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
     inside = _slack(scaled, segment, times, states).min(axis=1) > _SLACK
@@ -162,9 +168,16 @@ def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array)
 def _beside(
     scaled: Scaled, depth: int, segment: int, given: Array, *, first: bool
 ) -> list[_Beside]:
-    """A time in every interval in which a segment at an end is possible, and a state for it.
+    """Return a time of every interval in which an end segment is possible, and its inner state.
 
-    For each time and joint it is the state, of those tried, with the most slack.
+    Each joint has the state with the most slack of those tried.
+
+    Args:
+        scaled: The problem.
+        depth: Distance from the edge of an interval, in times of the grid.
+        segment: The segment's index.
+        given: State at the motion's end, `(2, joints)`.
+        first: Whether it is the first segment, or the last.
     """
     joints = scaled.h.shape[1]
     times = _grid(scaled, segment, given[0])
@@ -193,9 +206,9 @@ def _beside(
 
 
 def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterator[Array]:
-    """States that constant jerks in both halves of a segment lead to, `(2, times, joints)`.
+    """Yield states after a constant jerk in each half of a segment, `(2, times, joints)`.
 
-    Backwards in time, the state that leads to the given one.
+    If not `forwards`, these are the states before the segment, which lead to the given one.
     """
     half = (times if forwards else -times)[:, None] / 2
     for shares in product(_JERKS, _JERKS):
@@ -208,11 +221,13 @@ def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterat
 
 
 def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
-    """What both extreme displacements leave at least, over the time squared, `(times, joints)`.
+    """Return the smaller slack of both extreme displacements, over T², `(times, joints)`.
+
+    It is minus infinity where the states are not reachable from each other in the time.
 
     Args:
         scaled: The problem.
-        segment: Its number, from 0; below 0 from the end.
+        segment: The segment's index.
         times: Of the segment, `(times,)`.
         states: At its ends, `(2 ends, 2 orders, times, joints)`.
     """
@@ -230,12 +245,15 @@ def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
 
 
 def _of(limits: Array, segment: int) -> Array:
-    """The limits of a segment, as `Scaled` has them."""
+    """Return the limits of one segment, in the shapes of `Scaled`."""
     return limits if limits.ndim == 2 or limits.shape[1] == 1 else limits[:, [segment]]
 
 
 def _grid(scaled: Scaled, segment: int, velocity: Array) -> Array:
-    """Times to try, among them those near which a joint passes with this velocity, `(joints,)`."""
+    """Return the times to try in a segment, in order.
+
+    Some are close to the time in which a joint passes it at constant `velocity`, `(joints,)`.
+    """
     stop = float(scaled.stop[segment])
     shortest = max(_SHORTEST * stop, float(scaled.shortest[segment]))
     times = np.geomspace(shortest, _LONGEST * stop, _TIMES)
@@ -245,7 +263,7 @@ def _grid(scaled: Scaled, segment: int, velocity: Array) -> Array:
 
 
 def _places(inside: Bools, depth: int) -> list[int]:
-    """The place of a start in every run of the grid that is inside."""
+    """Return the index of an initial guess in every run of the grid that is `inside`."""
     padded = np.zeros(len(inside) + 2, dtype=bool)
     padded[1:-1] = inside
     edges = np.flatnonzero(np.diff(padded))

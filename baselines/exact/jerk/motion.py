@@ -193,7 +193,7 @@ def _bent(
     with which they pass it when the joint of least slack does, where the segments beside allow it.
     """
     *_, q_unit = scaled.units
-    passed = (left_out - scaled.problem.waypoints[:-1])[:, scaled.moving] / q_unit
+    passed = (left_out - scaled.problem.waypoints[:-1]) / q_unit
     for segment in np.flatnonzero(np.isfinite(passed[1:-1]).all(axis=1)) + 1:
         ends = [segment - 1, segment]
         beside = [segment - 1, segment + 1]

@@ -1,7 +1,8 @@
-"""The jerk-limited program with waypoints within tolerance (mathematics, section 4).
+"""The jerk-limited program with waypoints within a tolerance (mathematics, section 4).
 
-The inner waypoints' offsets `p` are unknowns, `|p| ≤ r`. Only the reach of a cell changes, by
-`(p' − p)/T²` in units of its time; in the chain an offset stands behind the acceleration.
+The offsets `p` of the inner waypoints from their nominal positions are unknowns, and `|p| ≤ r`.
+A cell's displacement grows by the offset `p'` at its end less the one `p` at its start. So its
+displacement inequalities change by `(p' − p)/T²`, in units of its time.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from baselines.exact.method.interior_point import chosen, moved
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
-# Offsets at both ends of a cell follow its other variables; in the chain they stand behind the
-# acceleration of their waypoint.
+# Here the offsets at both ends of a cell follow its other five variables. In the chain each follows
+# the acceleration of its waypoint.
 _OFFSETS = 5, 6
 _IN_CHAIN = [0, 1, 2, 5, 3, 4, 6]
 _FROM_CHAIN = [0, 1, 2, 4, 5, 3, 6]
@@ -35,7 +36,8 @@ class NearUnknowns(NamedTuple):
     """The unknowns of `JerkUnknowns`, and the waypoints' offsets.
 
     Attributes:
-        offset: of the waypoints with a state, from their nominal positions, as `velocity` is.
+        offset: from the nominal positions, for the same waypoints as `velocity`,
+            `(starts, segments - 1, joints)`.
     """
 
     log: Array
@@ -46,7 +48,7 @@ class NearUnknowns(NamedTuple):
 
 
 class NearTables(JerkTables):
-    """The constant tables of the program, with the half widths of the boxes."""
+    """The constant tables of the program, with the half widths of the waypoints' boxes."""
 
     def __init__(self, scaled: Scaled, kinds: int = 1) -> None:
         super().__init__(scaled, kinds)
@@ -64,7 +66,7 @@ class NearTables(JerkTables):
 
 
 class NearInequalities(JerkInequalities):
-    """The rows of `JerkInequalities`, and those of the boxes, both sides of each."""
+    """The inequalities of `JerkInequalities`, and `|p| ≤ r`, both sides of each."""
 
     # what has not converged by then cycles: a time tends to 0, or a box is as wide as the way
     max_iterations = 120
@@ -119,12 +121,12 @@ class NearInequalities(JerkInequalities):
 
 
 class NearLinearisation(JerkLinearisation):
-    """The program near a point."""
+    """The program near a point, with offsets: as `JerkLinearisation`."""
 
     rows: NearInequalities
 
     def _by_cell(self, matrix: Array) -> Array:
-        # a waypoint that is exact stays where it is
+        # an exact waypoint has no offset: an entry on the diagonal keeps the matrix regular
         _, after = _OFFSETS
         matrix[after, after] += ~self.rows.cells.free
         return super()._by_cell(matrix[np.ix_(_IN_CHAIN, _IN_CHAIN)])
@@ -146,5 +148,5 @@ class NearLinearisation(JerkLinearisation):
 
 
 def at_exact_points(scaled: Scaled, times: Array, states: NearUnknowns) -> JerkUnknowns:
-    """The unknowns of one start, of the problem through the points where it passes."""
+    """Return one start's unknowns in the program through exact points, its waypoints shifted."""
     return JerkTables(scaled).linked(times[None], states.velocity, states.acceleration)

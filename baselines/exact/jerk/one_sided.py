@@ -1,4 +1,4 @@
-"""Jerk limits on one side or in some segments only: there is no optimum (ExactJerk says why)."""
+"""Refuse jerk limits on one side or in some segments only: no optimum exists (see `ExactJerk`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from trajopt.core.problem import Problem
 
 
 def unsupported(problem: Problem) -> str | None:
-    """Why jerk limits as these have no optimum, or None."""
+    """Return why these jerk limits have no optimum; None if they have one."""
     limited = np.isfinite(problem.limits.jerk[..., problem.moving, :])
     if (limited[..., 0] != limited[..., 1]).any():
         return "a jerk limit on one side only has no optimum, only an infimum"

@@ -1,10 +1,10 @@
 """The exact minimum time with velocity, acceleration and jerk limits (mathematics, section 4).
 
-No discretisation. For one joint over one segment of time `T`, between two states (velocity,
-acceleration), the displacements that the limits allow fill an interval `[D_lo, D_up]`, whose ends
-are the profiles of `exact.jerk.profiles`, in closed form with their derivatives. So segment times
-and the waypoints' states are the only variables of a small program, which an interior-point method
-made for it solves (`exact.method.interior_point`).
+Nothing is discretised. A joint goes from one state (velocity, acceleration) to another in the time
+`T` of a segment. The displacements that the limits allow then fill an interval `[D_lo, D_up]`.
+`exact.jerk.profiles` has both ends of it in closed form, with their derivatives. So the segment
+times and the waypoints' states are the only variables of a small program. An interior-point method
+made for this program solves it (`exact.method.interior_point`).
 
     from baselines.exact.jerk import ExactJerk
     trajectory = ExactJerk().solve(problem).trajectory
@@ -39,27 +39,30 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.reductions import SIMPLEST, reduced
 
-# Times `starts`: how many are tried where all have failed so far.
+# Most initial guesses, relative to `starts`: they are tried as long as all have failed.
 MAX_STARTS_FACTOR = 3
-# A start stops at every waypoint, in this many times the least time or more.
+# An initial guess stops at every waypoint. Least and largest time of a segment, relative to the
+# least time with such stops.
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
-ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
+# Factor on the tolerances that is still accepted if rounding stops the method.
+ACCEPTED = 100.0
 
 
 @dataclass(frozen=True)
 class ExactJerk(SeveralStarts):
     """Exact minimum time under velocity, acceleration and jerk limits (several starts).
 
-    Jerk limits may be stiff (1e5 times those of acceleration: section 3's optimum but for 1e-4) or
-    soft (once), on some joints only, and all limits asymmetric; joints may rest. It starts from
-    `starts` points: the answer is the best known, not proved. `solver` is its own interior-point
-    method, or IPOPT on a program of other variables: an independent check.
+    Limits may be asymmetric, joints may rest, and some joints may have no jerk limit. Jerk limits
+    may be from 1 to 1e5 times those of acceleration; with 1e5 times the duration is within 1e-4 of
+    the optimum without jerk limits. There are several initial guesses (`starts`), and the answer is
+    the best local optimum found, which is not proved. `solver` is its own interior-point method, or
+    IPOPT on a program of other variables, an independent check.
 
-    A jerk limit on one side only is unsupported. Acceleration could then jump the other way, and
-    the optimum wants that. But where jerk is limited at all acceleration has to be continuous:
-    steeper and steeper ramps approach the optimum, and none reaches it. So is a jerk limit of a
-    joint in some segments only.
+    A jerk limit on one side only is unsupported: there is no optimum. Acceleration has to be
+    continuous where jerk is limited on any side. On the side without a limit it may change as
+    steeply as it likes, and a steeper change is always a little faster. A joint's jerk limit in
+    some segments only is unsupported for the same reason.
     """
 
     starts: int = 4
@@ -78,9 +81,9 @@ class ExactJerk(SeveralStarts):
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of several local optima. `stats`: each start's status and duration (s).
+        """Return the best of several local optima. `stats`: each start's status and duration (s).
 
-        Where no joint that moves has a jerk limit, section 3's program is the same problem.
+        Where no joint that moves has a jerk limit, `exact` solves the problem.
         """
         if not problem.limits.jerk_limited[problem.moving].any():
             jerkless = problem.without("jerk")
@@ -142,7 +145,7 @@ def _solved_near(
 
 
 def _starts(scaled: Scaled) -> Iterator[JerkStart]:
-    """Segment times to start from: what stops at every waypoint is within reach."""
+    """Yield initial guesses that stop at every waypoint; such a motion keeps all limits."""
     rng = np.random.default_rng(0)
     inner = scaled.h if scaled.closed else scaled.h[1:]
     at_rest = np.zeros_like(inner)
@@ -153,12 +156,12 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
 
 
 def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
-    """The local optimum near each start."""
+    """Return the local optimum that each initial guess leads to."""
     near = bool(scaled.tolerance.any())
     cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
     begins: Any = NearInequalities if near else JerkInequalities
     times, velocity, acceleration = (np.array(own) for own in zip(*starts, strict=True))
-    # a method that diverges overflows: it has not converged
+    # a start that diverges overflows; `converged` is then false
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
         iterate = descended(begun(begins(cells, point)), converged)

@@ -1,6 +1,6 @@
-"""Problems with tiny steps in line: solved without waypoints that may be missed by rounding.
+"""Problems with tiny steps: solved without the waypoints that a motion may miss by rounding.
 
-Such a waypoint lies between two short steps in line (`trajopt.core.resolution`; mathematics,
+Such a waypoint lies between two short steps in one line (`trajopt.core.resolution`; mathematics,
 section 7). Without these waypoints the problem is a relaxation. If its motion passes all of them
 within the rounding of coordinates, it is the answer to the whole problem. Otherwise, between each
 two remaining waypoints, the one that is missed most is put back, and the problem is solved again.
@@ -20,10 +20,11 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.passing import misses
 from trajopt.judging.verification import verify
+from trajopt.planners.reductions import RESTING_JOINTS
 
 MAX_ATTEMPTS = 4  # before the whole problem is solved
-# Excess over the relaxation's duration, relative: below the first one no further attempt is made,
-# below the second one the whole problem is not solved.
+# Excess over the relaxation's duration, relative. Below the first no further attempt is made, below
+# the second the whole problem is not solved.
 SAME_RTOL = 1e-9
 NEAR_RTOL = 1e-6
 MISS = 0.25  # in roundings of coordinates: a waypoint that is missed by more may be put back
@@ -56,7 +57,10 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     best = None
     for _ in range(MAX_ATTEMPTS):
         thinned = problem.at(~missing)
-        solution = solve(thinned, _middles(problem, missing))
+        # a joint may move past those steps alone
+        middles = _middles(problem, missing)[:, thinned.moving]
+        solution = solve(RESTING_JOINTS.apply(thinned), middles)
+        solution = RESTING_JOINTS.invert(thinned, solution)
         if solution.trajectory is None:
             break
         motion = _timed(problem, solution.trajectory, ~missing)

@@ -24,14 +24,14 @@ from trajopt.planners.reductions import SIMPLEST
 Start = TypeVar("Start")
 
 
-# Demands on the way that the programs of both planners have.
+# Demands of a route that both planners know.
 DEMANDS_KNOWN = ("least_times", "given_times", "closed")
-# Total of the segments' times above that of the given ones, relative: as given.
+# A duration that exceeds the sum of the given times by less, relative, counts as equal.
 _GIVEN_RTOL = 1e-10
 
 
 def without_ipopt(solver: str, problem: Problem, knows: Sequence[str] = ()) -> str | None:
-    """Return why IPOPT's program cannot solve a problem: it has hardly any demands."""
+    """Return why IPOPT's program cannot solve a problem: it knows no demands but `knows`."""
     unknown = [key for key in problem.demands if key not in knows]
     if solver != "ipopt" or not unknown:
         return None
@@ -61,7 +61,7 @@ class Reaching(Protocol):
     unit: float  # of time, s
 
     def trajectory(self, times: Array, states: Any, /) -> Trajectory:
-        """The motion of these segment times and waypoint states."""
+        """Return the motion of these segment times and waypoint states."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,8 @@ class SeveralStarts(Planner):
         """Return `RELAXATION` if limits of joints that move are ignored."""
         if self.joins_segments(problem) or self.unknown_demands(problem):
             return Relation.RESTRICTION
-        return Relation.RELAXATION if self.unknown(SIMPLEST.apply(problem)) else Relation.SAME
+        ignores = self.unknown(problem) and self.unknown(SIMPLEST.apply(problem))
+        return Relation.RELAXATION if ignores else Relation.SAME
 
     def announce(self, planner: str, problem: Problem) -> None:
         """Log an estimate of the time that it will take, if that is long."""
@@ -108,15 +109,15 @@ class SeveralStarts(Planner):
         starts: Iterator[Start],
         apart: int = 0,
     ) -> Solution:
-        """The shortest of the local optima, with what it says of the whole problem.
+        """Return the shortest of the local optima, as an answer to the whole problem.
 
         `stats`: status and duration (s, infinite where it failed) of each start tried.
 
         Args:
             scaled: the problem.
-            solve: leads from starts to an optimum each.
-            starts: where to start from, in order.
-            apart: so many of the first starts are all tried: no descent leads from one to another.
+            solve: returns the local optimum of each of some initial guesses.
+            starts: the initial guesses, in the order in which they are tried.
+            apart: number of first guesses that are all tried, since gaps in time separate them.
         """
         agreeing = self.agreeing + max(apart - 1, 0)
         local = optima_together(solve, starts, max(self.starts, apart), agreeing)
@@ -130,10 +131,10 @@ class SeveralStarts(Planner):
         answer = scaled.trajectory(best.times, best.states)
         given = scaled.problem.route.demand("given_times").sum()
         if given and answer.duration > given * (1 + _GIVEN_RTOL):
-            found = (
-                f"none found in the given {given:.6g} s; in {answer.duration:.6g} s there is one"
+            message = (
+                f"no motion found in the given {given:.6g} s; the fastest one found, with no "
+                f"segment faster than given, takes {answer.duration:.6g} s"
             )
-            message = f"{found} that takes no segment faster"
             return Solution(Status.FAILED, message=message, stats=stats)
         ignored = [KINDS[key].name() for key in self.unknown(scaled.problem)]
         if not ignored:

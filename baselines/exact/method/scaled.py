@@ -9,22 +9,23 @@ from typing import Self
 import numpy as np
 
 from baselines.exact.method.pieces import Pieces
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
 
 # Shorter pieces are removed wherever the limits allow it, s.
 BRIEF_PIECE_S = 1e-6
-# Times that a joint which begins or ends in motion may take more, in times of stopping.
+# Added to the stop time of a first or last segment that begins or ends in motion, in times of
+# braking: the joints may have to stop, to come back, and to speed up again.
 _RETURNS = 3.0
 
 
 class Scaled:
-    """The moving joints without units: time in mean stop times, accelerations of order one.
+    """All joints without units: time in mean stop times, accelerations of order one.
 
     Args:
-        problem: its position limits are ignored.
+        problem: its joints all move; its position limits are ignored.
         jerk: whether jerk limits count.
         passing: further limits at the waypoints, of velocity, rad/s, and of acceleration, rad/s²,
             `(2 orders, waypoints, joints, 2)`.
@@ -49,21 +50,19 @@ class Scaled:
 
     def __init__(self, problem: Problem, jerk: bool = True, passing: Array | None = None) -> None:
         known = problem.without("position") if jerk else problem.without("jerk", "position")
-        moving = problem.moving  # a joint may rest once waypoints of tiny steps are left out
         limits = known.limits
         self.by_segment = limits.segments is not None or passing is not None
         rows = problem.segments if self.by_segment else 1
-        velocity = _by_side(limits.velocity, moving, rows)
-        acceleration = _by_side(limits.acceleration, moving, rows)
-        jerks = np.abs(_by_side(limits.jerk, moving, rows))
+        velocity = _by_side(limits.velocity, rows)
+        acceleration = _by_side(limits.acceleration, rows)
+        jerks = np.abs(_by_side(limits.jerk, rows))
 
-        # the least total of times that are no briefer than given is theirs, if a motion has them
+        # given times count as least times: their sum is the optimum, if any motion has these times
         least = problem.route.demand("least_times") + problem.route.demand("given_times")
         stop = np.maximum(stop_times(known), least)
         route = problem.route
-        end_v, end_a = np.stack([route.start, route.end], axis=1)[..., moving]
+        end_v, end_a = np.stack([route.start, route.end], axis=1)
         if not route.at_rest:
-            # to stop, to come back, and to start so again
             slowest = np.abs(acceleration).min(axis=0).reshape(-1, len(end_v[0])).min(axis=0)
             stop[0] += (_RETURNS * np.abs(end_v[0]) / slowest).max()
             stop[-1] += (_RETURNS * np.abs(end_v[1]) / slowest).max()
@@ -74,7 +73,6 @@ class Scaled:
         j_unit, a_unit, v_unit, q_unit = units
 
         self.problem = problem
-        self.moving = moving
         self.unit = unit
         self.units = units
         self.stop = stop / unit
@@ -83,11 +81,11 @@ class Scaled:
         self.v = velocity / v_unit
         self.end_v = end_v / v_unit
         self.end_a = end_a / a_unit
-        self.h = problem.displacements[:, moving] / q_unit
+        self.h = problem.displacements / q_unit
         self.closed = bool(route.demand("closed"))
         self.least = least / unit
         tolerance = route.demand("tolerance")
-        self.tolerance = tolerance[1 : None if self.closed else -1, moving] / q_unit
+        self.tolerance = tolerance[1 : None if self.closed else -1] / q_unit
         # T ≥ h / V2 forwards, T ≥ h / (−V1) backwards
         self.shortest = (self.h / self.v).max(axis=(0, 2))
         self.waypoint_v = self._of_both_segments(self.v)
@@ -95,13 +93,13 @@ class Scaled:
         self.passing = None
         if passing is not None:
             inner = slice(1, None if self.closed else -1)
-            own = np.moveaxis(passing[:, inner][:, :, moving], -1, 1)
+            own = np.moveaxis(passing[:, inner], -1, 1)
             self.passing = own / np.stack([v_unit, a_unit])[:, None, None]
             self.waypoint_v = _tighter(self.waypoint_v, self.passing[0])
             self.waypoint_a = _tighter(self.waypoint_a, self.passing[1])
 
     def _of_both_segments(self, limits: Array) -> Array:
-        """The tighter limits of the segments at both sides of each waypoint with a state."""
+        """Return the tighter limits of both segments at each waypoint with a state."""
         low, high = limits
         if len(low) == 1:
             return limits
@@ -110,13 +108,17 @@ class Scaled:
         return np.array([lows, highs])[:, : None if self.closed else -1]
 
     def shifted(self, offset: Array) -> Self:
-        """Return the problem without tolerance, with moved waypoints, `(waypoints, joints)`."""
+        """Return the problem without tolerance, with waypoints moved by `offset`.
+
+        Args:
+            offset: without units, at the waypoints with a state, `(waypoints, joints)`.
+        """
         waypoints = np.array(self.problem.waypoints)
-        waypoints[1 : len(offset) + 1, self.moving] += offset * self.units[-1]
+        waypoints[1 : len(offset) + 1] += offset * self.units[-1]
         own = copy(self)
         own.problem = replace(self.problem.without("tolerance", "position"), waypoints=waypoints)
         own.tolerance = 0 * self.tolerance
-        own.h = own.problem.displacements[:, self.moving] / self.units[-1]
+        own.h = own.problem.displacements / self.units[-1]
         return own
 
     def velocities(self, times: Array, ends: Array) -> Array:
@@ -148,13 +150,11 @@ class Scaled:
         lengths = self.unit * pieces.lengths
         own = Pieces(lengths, a_unit * pieces.start, j_unit * pieces.jerk)
         cubics = own.integrated(v_unit * velocity)
-        waypoints = self.problem.waypoints
-        cubics[-1] += waypoints[:-1, self.moving]
+        cubics[-1] += self.problem.waypoints[:-1]
         coefficients = cubics if pieces.jerk.any() else cubics[1:]
         by_segment = coefficients.transpose(2, 0, 1, 3)
         seconds = lengths[..., 0].T
-        motion = Trajectory.of_segments(zip(seconds, by_segment, strict=True))
-        return motion.beside(waypoints[0], self.moving)
+        return Trajectory.of_segments(zip(seconds, by_segment, strict=True))
 
 
 def _tighter(limits: Array, others: Array) -> Array:
@@ -162,8 +162,8 @@ def _tighter(limits: Array, others: Array) -> Array:
     return np.array([np.maximum(limits[0], others[0]), np.minimum(limits[1], others[1])])
 
 
-def _by_side(pairs: Array, moving: Bools, rows: int) -> Array:
-    """Limits `(joints, 2)`, or those of each segment, as `(2, rows, joints)`."""
-    sides = np.moveaxis(pairs[..., moving, :], -1, 0)
+def _by_side(pairs: Array, rows: int) -> Array:
+    """Return limits, `(joints, 2)` or those of each segment, as `(2, rows, joints)`."""
+    sides = np.moveaxis(pairs, -1, 0)
     joints = sides.shape[-1]
     return np.array(np.broadcast_to(sides.reshape(2, -1, joints), (2, rows, joints)))

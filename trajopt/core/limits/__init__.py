@@ -1,4 +1,4 @@
-"""Kinds of limits, an object each; nobody else knows their names.
+"""Kinds of limits, a class each; no other module depends on their names.
 
 In reading order:
 
@@ -6,10 +6,11 @@ In reading order:
 - `peaks`: the exact peak of a derivative over a whole motion;
 - `joint_limit`: an interval for a joint's position or one of its derivatives;
 - `limits`: all limits of a problem;
-- `segment_tables`: limits of one segment, as a problem file has them.
+- `segment_tables`: limits of one segment in a problem file;
+- `falling_velocity`: a velocity limit that falls towards the ends of a joint's range.
 
 A new kind is a subclass of `Limit` in a file of its own, imported here. Files, digests,
-certificates, tables and figures then have it.
+certificates, tables and figures then include it.
 """
 
 from trajopt.core.limits.falling_velocity import FallingVelocity

@@ -1,4 +1,4 @@
-"""Velocity limits that fall towards the ends of a joint's range: Franka's own."""
+"""Velocity limits that fall towards the ends of a joint's range, as Franka's robots have them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ RESTING_RTOL = 1e-9
 """A velocity below this share of the highest that the limit allows anywhere counts as rest."""
 
 BLOCKED_RTOL = 1e-6
-"""A waypoint is proved to be out of reach from this share of the range beyond the last place
-where a joint may move towards its end. Nearer ones could be reached at the velocity that counts as
-rest, in some minutes."""
+"""A waypoint counts as unreachable if it lies at least this share of the joint's range beyond the
+last position from which the joint may move towards the end. A nearer waypoint could be reached in
+some minutes at the velocity that counts as rest."""
 
 _COLUMNS = ("offset", "deceleration", "position")
-_MAX_CUTS = 50  # each is a Newton step: four or five are enough
+_MAX_CUTS = 50  # each is a Newton step; four or five are enough
 _CUT_RTOL = 1e-14
-_SHOWN_USE = 10.0  # figures show no more
+_SHOWN_USE = 10.0  # largest use in figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +42,14 @@ class FallingVelocity(Limit):
     downwards no faster than `max(0, sqrt(2 d max(0, q − low)) − o)`. This is Franka's form
     (libfranka, `include/franka/rate_limiting.h`; `<position_based_velocity_limits>` in a URDF).
 
-    The use is the velocity over the one allowed there. Dilation divides it, as positions stay;
-    where nothing is allowed the use is infinite, and no dilation helps (docs/mathematics.md,
-    section 7).
+    The use is the velocity over the allowed velocity at that position. A dilation by `k` divides it
+    by `k`, since positions stay as they are. Where no velocity is allowed the use is infinite, and
+    no dilation helps (docs/mathematics.md, section 7).
 
     Attributes:
         rows: `o` in rad/s, `d` in rad/s², `low` and `high` in rad (m for a prismatic joint),
-            `(joints, 4)`; a row of NaN is a joint without such a limit. The range may be another
-            one than that of the position limits.
+            `(joints, 4)`; a row of NaN is a joint without such a limit. The range may differ from
+            the position limits.
     """
 
     key = "falling_velocity"
@@ -82,7 +82,9 @@ class FallingVelocity(Limit):
 
     @classmethod
     def read(cls, value: Any, joints: int) -> Self:
-        """From a table: `offset`, `deceleration` and `position`, a number or pair per joint.
+        """Return the limit of a table with `offset`, `deceleration` and `position`.
+
+        The first two have a number per joint, the last one a pair `[low, high]`.
 
         A joint with an infinite deceleration has no such limit.
         """
@@ -118,7 +120,7 @@ class FallingVelocity(Limit):
         return type(self)(self.rows * [time, time**2, 1.0, 1.0] / lengths)
 
     def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
-        """With what is allowed times `1 + by`, everywhere."""
+        """Return the limit with the allowed velocities multiplied by `1 + by` at all positions."""
         numbers = self.rows.copy()
         factor = 1 + by
         numbers[joint, :2] *= [factor, factor**2]
@@ -129,7 +131,7 @@ class FallingVelocity(Limit):
         if not np.isfinite(sides.rounding).all():
             return Use(np.nan, int(sides.joints[0]), 0.0)
         best = _at_ends(sides, motion)
-        # No piece exceeds the use of its bounds.
+        # A piece's use is at most that of its highest velocity at its smallest distance.
         fastest = polynomials.bernstein(sides.velocity).max(axis=0)
         nearest = polynomials.bernstein(sides.distance).min(axis=0)
         promising = np.nonzero(sides.use(fastest, nearest) > best.value)
@@ -139,19 +141,21 @@ class FallingVelocity(Limit):
         return found if found.value > best.value else best
 
     def slack(self, waypoints: Array) -> Array:
-        """Return how far waypoints are from where no motion towards the end is allowed, rad.
+        """Return each waypoint's distance, rad, from the zones without allowed motion.
 
-        From the upper and from the lower end of each joint's range, `(2, waypoints, joints)`; below
-        0 in the last `o² / (2 d)` before the end, NaN for a joint without the limit.
+        In the last `o² / (2 d)` before an end of its range a joint may not move towards that end.
+        The distances are from the upper and the lower zone, `(2, waypoints, joints)`; below 0
+        inside, NaN for a joint without the limit.
         """
         offset, deceleration, low, high = self.rows.T
         blocked = offset**2 / (2 * deceleration)
         return np.stack([high - blocked - waypoints, waypoints - low - blocked])
 
     def infeasible(self, problem: Problem) -> str | None:
-        """A joint that comes from farther never reaches a waypoint in the last `o² / (2 d)`.
+        """Return a sentence about a waypoint that no motion reaches under this limit, or None.
 
-        One that starts there may leave.
+        Such a waypoint is in the last `o² / (2 d)` before an end, and the joint comes from farther
+        away. A joint that starts there may leave.
         """
         slack = self.slack(problem.waypoints)
         farthest = np.maximum.accumulate(slack, axis=1)
@@ -180,7 +184,7 @@ class FallingVelocity(Limit):
         )
 
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
-        """Where `v > share (sqrt(2 d w) − o)` and the joint moves towards the end."""
+        """Yield where `v > share (sqrt(2 d w) − o)` and the joint moves towards the end."""
         sides = self._sides(motion)
         moving = np.nonzero(polynomials.bernstein(sides.velocity).max(axis=0) > sides.resting)
         own = sides.of(moving)
@@ -224,7 +228,7 @@ class FallingVelocity(Limit):
         return found
 
     def _sides(self, motion: Trajectory) -> _Sides:
-        """The motion of each limited joint towards the upper and the lower end of its range."""
+        """Return each limited joint's motion towards the upper and the lower end of its range."""
         joints = np.flatnonzero(self.bounds)
         own = self.rows[joints]
         offset, deceleration, low, high = own.T
@@ -256,15 +260,15 @@ class FallingVelocity(Limit):
 
 
 class _Sides(NamedTuple):
-    """Pieces that move towards one end of a range, and the limit there.
+    """Pieces of a motion seen from one end of a joint's range, and the limit there.
 
     Attributes:
-        distance: `w` from the end, rad, a polynomial as the next two, `(degree + 1, …)`.
-        velocity: towards the end, rad/s.
-        acceleration: towards the end, rad/s².
+        distance: coefficients of the distance `w` from the end, rad, `(degree + 1, …)`.
+        velocity: coefficients of the velocity towards the end, rad/s.
+        acceleration: coefficients of the acceleration towards the end, rad/s².
         offset, deceleration: the limit's `o` and `d`, `(…)`.
-        resting: the velocity that counts as rest, `(…)`.
-        joints: whose piece it is, `(…)`.
+        resting: the velocity that counts as rest, rad/s, `(…)`.
+        joints: index of each piece's joint, `(…)`.
     """
 
     distance: Array
@@ -277,11 +281,11 @@ class _Sides(NamedTuple):
 
     @property
     def rounding(self) -> Array:
-        """By how much a distance may be rounded, rad, `(…)`."""
+        """Return the rounding error of a distance, rad, `(…)`."""
         return polynomials.evaluation_rounding(self.distance)
 
     def of(self, index: tuple[Any, ...]) -> _Sides:
-        """Some of them."""
+        """Return some of the pieces."""
         return _Sides(
             distance=self.distance[:, *index],
             velocity=self.velocity[:, *index],
@@ -293,32 +297,32 @@ class _Sides(NamedTuple):
         )
 
     def use(self, velocity: Array, distance: Array) -> Array:
-        """The use at these velocities and distances; a position is known to its rounding only."""
+        """Return the use at these velocities and distances, with the rounding of the distance."""
         farther = distance + self.rounding
         return _use(velocity, farther, self.offset, self.deceleration, self.resting)
 
     def use_at(self, points: Array) -> Array:
-        """The use at points of the unit interval, `(points, …)`."""
+        """Return the use at points of the unit interval, `(points, …)`."""
         velocity = polynomials.evaluate(self.velocity[:, None], points)
         distance = polynomials.evaluate(self.distance[:, None], points)
         return self.use(velocity, distance)
 
     @property
     def allowing(self) -> Array:
-        """The polynomial `2 d w − o²`, positive where some velocity is allowed."""
+        """Return the polynomial `2 d w − o²`, positive where some velocity is allowed."""
         found = 2 * self.deceleration * self.distance
         found[-1] -= self.offset**2
         return found
 
     def over(self, share: float) -> Array:
-        """The polynomial `(v/share + o)² − 2 d w`: positive where `v > 0` has more than a share."""
+        """Return `(v/share + o)² − 2 d w`, positive where `v > 0` uses more than `share`."""
         shifted = self.velocity / share
         shifted[-1] += self.offset
         square = polynomials.product(shifted, shifted)
         return polynomials.plus(square, -2 * self.deceleration * self.distance)
 
     def turning(self, use: float) -> Array:
-        """The polynomial `2 a w + (v + use o) v`, zero where `(v/use + o) / sqrt(2 d w)` turns."""
+        """Return `2 a w + (v + use o) v`, zero at the extrema of `(v/use + o) / sqrt(2 d w)`."""
         shifted = np.array(self.velocity)
         shifted[-1] += use * self.offset
         left = 2 * polynomials.product(self.acceleration, self.distance)
@@ -328,7 +332,7 @@ class _Sides(NamedTuple):
 def _use(
     velocity: Array, distance: Array, offset: Array, deceleration: Array, resting: Array
 ) -> Array:
-    """The velocity over the allowed one: 0 at rest, infinite where a motion is not allowed."""
+    """Return velocity over allowed velocity: 0 at rest, infinite where no motion is allowed."""
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.sqrt(2 * deceleration * np.maximum(distance, 0.0)) - offset
         use = np.where(allowed > 0, velocity / allowed, np.inf)
@@ -336,13 +340,13 @@ def _use(
 
 
 def _resting(numbers: Array) -> Array:
-    """The velocity below which a joint rests, rad/s, of rows of a limit's numbers."""
+    """Return the velocity below which a joint counts as at rest, rad/s, `(joints,)`."""
     _, deceleration, low, high = numbers.T
     return RESTING_RTOL * np.sqrt(2 * deceleration * (high - low))
 
 
 def _at_ends(sides: _Sides, motion: Trajectory) -> Use:
-    """The worst use at the ends of pieces."""
+    """Return the worst use at the ends of pieces."""
     points = np.zeros((2, *sides.offset.shape))
     points[1] = 1.0
     uses = sides.use_at(points)
@@ -352,7 +356,7 @@ def _at_ends(sides: _Sides, motion: Trajectory) -> Use:
 
 
 def _knots(own: _Sides, *functions: Array) -> Array:
-    """Points between which a use has one formula and functions have one sign, sorted."""
+    """Return the sorted points between which the use has one formula and no function a root."""
     moving = np.array(own.velocity)
     moving[-1] -= own.resting
     roots = [polynomials.unit_roots(function) for function in (moving, *functions)]
@@ -362,11 +366,11 @@ def _knots(own: _Sides, *functions: Array) -> Array:
 
 
 def _cut(own: _Sides, index: tuple[Indices, ...], known: float, motion: Trajectory) -> Use:
-    """The worst use of some pieces, by cuts, each from the largest use known before.
+    """Return the worst use of some pieces by Newton's method, from the largest use `k` known.
 
-    A motion with the use `k`, dilated by `k`, is within the limit where `(v/k + o) / sqrt(2 d w) ≤
-    1`. The largest of that is at a root of a polynomial; there the use is more than `k`, or no use
-    is.
+    Dilated by `k`, a motion is within the limit where `(v/k + o) / sqrt(2 d w) ≤ 1`. The maximum of
+    the left side is at a root of the polynomial `turning(k)`. If the use at that root is larger
+    than `k`, it is the next `k`. If not, `k` is the worst use.
     """
     knots = _knots(own, own.allowing)
     middles = (knots[1:] + knots[:-1]) / 2
@@ -388,7 +392,7 @@ def _cut(own: _Sides, index: tuple[Indices, ...], known: float, motion: Trajecto
 
 
 def _column(key: str, value: Any, joints: int, *, pair: bool = False) -> Array:
-    """A number, or a pair, per joint."""
+    """Return a column of the table: a number, or a pair, per joint."""
     right = "a pair [low, high] per joint" if pair else "a number per joint"
     if not is_list(value) or len(value) != joints:
         raise InvalidInput(key, f"{joints} values, {right}", value=value)

@@ -28,8 +28,8 @@ UNLIMITED = np.array([-np.inf, np.inf])
 class JointLimit(Limit):
     """An interval `[low, high]` for one derivative of each joint.
 
-    It is the same all the time, or each segment has its own: between two waypoints that segment's
-    counts, at a waypoint both its neighbours'.
+    It is the same for the whole motion, or each segment has its own. At a waypoint the limits of
+    both neighbouring segments hold.
 
     Attributes:
         order: of the derivative.
@@ -59,9 +59,9 @@ class JointLimit(Limit):
 
     @classmethod
     def read(cls, value: Any, joints: int) -> Self:
-        """From a number per joint (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture.
+        """Return the limit of a number `x` per joint, for `[-x, x]`, or a pair `[low, high]`.
 
-        `(segments, joints, 2)` numbers, a pair per joint, are each segment's own.
+        Both may be mixed. An array `(segments, joints, 2)` has the pairs of each segment.
         """
         limit = cls(pairs_of(cls.key, value))
         if len(limit.bounds) != joints:
@@ -70,18 +70,18 @@ class JointLimit(Limit):
         return limit
 
     def table(self) -> Any:
-        """As `read` takes it; of each segment's own the one that most segments have."""
+        """Return the limit as `read` takes it; where segments differ, that of most segments."""
         return _written(self._usual)
 
     def of_segment(self, segment: int) -> Any:
-        """What `read` takes for one segment; None where it is `table`."""
+        """Return a segment's limit as `read` takes it; None where it is the same as `table`."""
         if self.segments is None or np.array_equal(self.pairs[segment], self._usual):
             return None
         return _written(self.pairs[segment])
 
     @property
     def _usual(self) -> Array:
-        """The pairs that most segments have, `(joints, 2)`; the first of those that as many do."""
+        """Return the pairs of most segments, `(joints, 2)`; the first ones where it is a tie."""
         if self.segments is None:
             return self.pairs
         same = (self.pairs[:, None] == self.pairs).all(axis=(2, 3))
@@ -110,7 +110,13 @@ class JointLimit(Limit):
         return np.asarray(finite if finite.ndim == 1 else finite.any(axis=0))
 
     def only(self, joints: Array) -> Self:
-        return type(self)(self.pairs[..., joints, :])
+        pairs = self.pairs[..., joints, :]
+        if pairs.ndim == 3:  # segments may differ in other joints only
+            return type(self)(pairs)
+        part = object.__new__(type(self))  # what is right for all joints is right for some
+        pairs.setflags(write=False)
+        part.__dict__["pairs"] = pairs
+        return part
 
     def scaled(self, factors: Array) -> Self:
         return type(self)(factors[..., None] * self.pairs)
@@ -153,7 +159,7 @@ class JointLimit(Limit):
         return Use(float(shares[instant, joint]), int(joint), float(times[instant]))
 
     def _along(self, motion: Trajectory) -> Array:
-        """The limits of each piece of a motion with breaks at its waypoints.
+        """Return the limits of each piece of a motion that has breaks at its waypoints.
 
         `(joints, 2)` where all pieces have the same, else `(pieces, joints, 2)`.
         """
@@ -163,7 +169,10 @@ class JointLimit(Limit):
         return self.pairs[motion.segments_at(middles)]
 
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
-        """A side's use is `(p − zero)/(full − zero)`: 0 at `zero` and 1 at `full`."""
+        """Yield the intervals where `(p − zero)/(full − zero) > share`, on either side.
+
+        `full` is the limit, and `zero` the value whose use is 0.
+        """
         if self.segments is not None:
             motion = motion.refined(motion.waypoint_times)
         pairs = self._along(motion)
@@ -187,7 +196,7 @@ class JointLimit(Limit):
             yield Interval(one, float(start), float(end))
 
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
-        """For a joint with both limits; of a position, its place in the range."""
+        """Return the use of joints with both limits; for a position, its place in the range."""
         values = motion(times, self.order)
         found: dict[int | None, Array] = {}
         pairs = self.pairs if self.segments is None else self.pairs[motion.segments_at(times)]
@@ -218,14 +227,14 @@ class JointLimit(Limit):
 
     @property
     def _zero(self) -> Array:
-        """The values that use nothing of the low and of the high limit, shaped as `pairs`."""
+        """Return the values whose use of the low and the high limit is 0, shaped as `pairs`."""
         return self._zero_of(self.pairs)
 
     def _zero_of(self, pairs: Array) -> Array:
         return np.zeros_like(pairs)
 
     def _check(self) -> None:
-        """Refuse infinite limits where these must be finite, and limits without rest."""
+        """Refuse limits that exclude 0, and infinite ones where they must be finite."""
         low, high = self.pairs[..., 0], self.pairs[..., 1]
         right = (low < 0) & (high > 0)
         expected = "a positive number, or low < 0 < high"
@@ -251,7 +260,7 @@ class Velocity(JointLimit):
 
 
 class Acceleration(JointLimit):
-    """Acceleration limits, rad/s²: velocity does not jump."""
+    """Acceleration limits, rad/s²; velocity must be continuous."""
 
     key = "acceleration"
     short = "acc."
@@ -261,7 +270,7 @@ class Acceleration(JointLimit):
 
 
 class Jerk(JointLimit):
-    """Jerk limits, rad/s³: acceleration does not jump."""
+    """Jerk limits, rad/s³; acceleration must be continuous."""
 
     key = "jerk"
     order = degree = 3
@@ -269,7 +278,7 @@ class Jerk(JointLimit):
 
 
 class Position(JointLimit):
-    """Position limits, rad: a repair keeps them, no dilation changes what is beyond."""
+    """Position limits, rad. A dilation does not change an excess over them."""
 
     key = "position"
     order = 0
@@ -307,7 +316,7 @@ class Position(JointLimit):
 
 
 def pairs_of(key: str, value: Any) -> Array:
-    """One `[low, high]` pair per joint, from numbers (symmetric) or pairs; or that per segment.
+    """Return `[low, high]` pairs, `(joints, 2)` or `(segments, joints, 2)`, of numbers or pairs.
 
     Raises:
         InvalidInput: Names the key, the segment, the joint, the value, and what would be right.
@@ -325,19 +334,19 @@ def pairs_of(key: str, value: Any) -> Array:
 
 
 def _is_by_segment(value: Any) -> bool:
-    """Whether this is a list of segments, with lists of joints that have pairs, all of them."""
+    """Return whether a value is a list of segments, each a list with a pair for every joint."""
     return is_list(value) and any(
         is_list(segment) and any(map(is_list, segment)) for segment in value
     )
 
 
 def segment_key(key: str, segment: int | None = None) -> str:
-    """Where a value stands, for errors: the limit's key, and the segment from 1."""
+    """Return the place of a value, for errors: the limit's key and the segment, from 1."""
     return f"limits.{key}" if segment is None else f"limits.{key}, segment {segment + 1}"
 
 
 def value_pairs(key: str, value: Any) -> Array:
-    """One `[low, high]` pair per joint; errors name this key."""
+    """Return one `[low, high]` pair per joint; `key` is for errors."""
     if not is_list(value) or len(value) == 0:
         raise InvalidInput(
             key, "a list with a number, or a pair [low, high], for every joint", value=value
@@ -362,14 +371,14 @@ def _written(pairs: Array) -> Any:
 
 
 def _span(pair: Sequence[float]) -> str:
-    """An interval in words: "± 2", or its two ends."""
+    """Return an interval in words: "± 2", or its two ends."""
     low, high = pair
     ends = [f"{end:.6g}" if np.isfinite(end) else "–" for end in pair]
     return f"± {ends[1]}" if low == -high else " … ".join(ends)
 
 
 def _numbers(segments: Indices) -> str:
-    """Which segments, in words, counted from 1: "segments 1, 3–5"."""
+    """Return segments in words, counted from 1: "segments 1, 3–5"."""
     runs = np.split(segments, np.flatnonzero(np.diff(segments) > 1) + 1)
     spans = [f"{run[0] + 1}–{run[-1] + 1}" if len(run) > 1 else f"{run[0] + 1}" for run in runs]
     return f"segment{'s' * (len(segments) > 1)} {', '.join(spans)}"

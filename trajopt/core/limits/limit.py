@@ -1,7 +1,8 @@
-"""A kind of limit: one demand on a whole motion. Judge, files and figures ask each, and know none.
+"""What every kind of limit offers: reading, judging, scaling, words and figures.
 
-The four kinds of every robot are in `joint_limit`. A new kind is one subclass in one file; its
-`key` enters it in `KINDS`, over which everybody iterates.
+The judge, files, tables and figures call these methods and name no kind. The four kinds of every
+robot are in `joint_limit`. A new kind is one subclass in one file. Its `key` registers it in
+`KINDS`, over which all other code iterates.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ class Use(NamedTuple):
     """The worst use of one limit.
 
     Attributes:
-        value: a ratio, 1 at the limit; of a kind that is none (`Limit.is_ratio`), the excess in SI
-            units, below 0 inside the limit.
-        joint: counted from 0; None where the limit is not one joint's.
+        value: a ratio, 1 at the limit. For kinds whose use is no ratio (`Limit.is_ratio`): the
+            excess over the limit in SI units, below 0 inside.
+        joint: index from 0; None where the limit is not one joint's.
         time: s.
     """
 
@@ -40,7 +41,7 @@ class Use(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """A time in which a limit is active: the joint (None if not one joint's), start and end, s."""
+    """An interval of time in which a limit is active: joint or None, start and end, s."""
 
     joint: int | None
     start: float
@@ -48,17 +49,17 @@ class Interval(NamedTuple):
 
 
 class Limit(ABC):
-    """A demand on a whole motion. Its numbers are SI: rad (or m) and s.
+    """A limit of a whole motion. Its numbers are SI: rad (or m) and s.
 
     Attributes:
         key: its name in problem files, certificates, JSON, HDF5 and tables.
         degree: dilating by `k` divides the use by `k ** degree`; None where no dilation helps.
-        is_ratio: whether the use is a ratio, of the motion as repaired. If not, it is an excess in
-            SI units, of the motion as given: one beyond the tolerance is a flaw.
+        is_ratio: whether the use is a ratio, measured on the repaired motion. If not, it is an
+            excess in SI units, measured on the given motion; above the tolerance it is a flaw.
         short: its name in a figure's labels.
-        smooth: the highest derivative that may not jump under it; the repair makes it continuous.
-        forgiven: whether a planner that does not know the kind may plan without it, because the
-            verifier mends or reports what its answer breaks. Other kinds are refused for it.
+        smooth: the highest derivative that must be continuous; the repair makes it so.
+        forgiven: whether a planner that does not know the kind may ignore it. The verifier then
+            dilates or reports its answer. With any other kind such a planner refuses the problem.
     """
 
     key: ClassVar[str]
@@ -74,22 +75,22 @@ class Limit(ABC):
             KINDS[cls.key] = cls
             cls.short = vars(cls).get("short", cls.name())
 
-    # --- what it is made of ---
+    # --- numbers, and how they are written ---
 
     @property
     @abstractmethod
     def numbers(self) -> Array:
-        """All its numbers, for digests and stores, in rows; NaN where nothing is limited."""
+        """Return all its numbers in rows, for digests and stores; NaN where nothing is limited."""
 
     @classmethod
     @abstractmethod
     def of_numbers(cls, numbers: Array) -> Self:
-        """The limit of stored numbers, NaN where one is not finite; raises `InvalidInput`."""
+        """Return the limit of `numbers`; NaN stands for no limit. Raises `InvalidInput`."""
 
     @classmethod
     @abstractmethod
     def read(cls, value: Any, joints: int) -> Self:
-        """The limit that a person wrote in a problem file or in Python.
+        """Return the limit of a value in a problem file or in Python.
 
         Raises:
             InvalidInput: Names the key, the joint, the value, and what would be right.
@@ -97,78 +98,82 @@ class Limit(ABC):
 
     @abstractmethod
     def table(self) -> Any:
-        """What `read` reads, in the terms of TOML."""
+        """Return the limit in the form that `read` takes, for TOML."""
 
     @property
     @abstractmethod
     def bounds(self) -> Bools:
-        """Which joints it bounds, `(joints,)`."""
+        """Return which joints it bounds, `(joints,)`."""
 
     # --- segments that differ ---
 
     @property
     def segments(self) -> int | None:
-        """How many segments it has numbers of; None where it is the same in all."""
+        """Return the number of segments it has numbers for; None if all have the same limit."""
         return None
 
     def of_segment(self, segment: int) -> Any:
-        """What a problem file has for one segment (from 0); None where it is as everywhere."""
+        """Return the table of one segment (from 0) in a problem file; None if it needs none."""
         return None
 
     def of_segments(self, numbers: Indices) -> Self:
-        """The limit of these segments, by index."""
+        """Return the limit of some segments, by index."""
         return self
 
     def in_all_segments(self, *, tightest: bool) -> Self:
-        """The limit as one that is the same in all: as tight as any, or as wide as any."""
+        """Return one limit for all segments: the tightest, or the widest, of each joint."""
         return self
 
-    # --- the same limit, otherwise ---
+    # --- the limit for fewer joints, in other units, or wider ---
 
     @abstractmethod
     def only(self, joints: Array) -> Self | None:
-        """The limit for some joints, by index; None where it says nothing of them alone."""
+        """Return the limit of some joints, by index; None if it also depends on other joints."""
 
     @abstractmethod
     def scaled(self, factors: Array) -> Self:
-        """The limit with lengths of each joint times a factor, `(joints,)`."""
+        """Return the limit with each joint's lengths multiplied by a factor, `(joints,)`."""
 
     @abstractmethod
     def in_units(self, time: float, lengths: Array | float) -> Self:
-        """The limit where times count in `time`, s, and positions in `lengths`, rad.
+        """Return the limit with times in units of `time`, s, and positions in `lengths`, rad.
 
-        `lengths` is one for all joints, or `(joints, 1)`.
+        `lengths` is one number for all joints, or `(joints, 1)`.
         """
 
     @abstractmethod
     def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
-        """The limit with one joint's part wider by a fraction; the whole of it for None.
+        """Return the limit, wider by the fraction `by` for one joint, or for all if it is None.
 
-        In one segment alone, by index, where segments differ.
+        `segment` widens it in one segment only, by index, where segments differ.
         """
 
     # --- a motion under it ---
 
     @abstractmethod
     def worst(self, motion: Trajectory) -> Use:
-        """The exact worst use, rounded towards more use."""
+        """Return the exact worst use, rounded upwards."""
 
     def dilation(self, use: Use) -> float:
-        """The least factor of dilation that brings a motion with this use within the limit."""
+        """Return the least dilation that brings a motion with this use within the limit."""
         return 0.0 if self.degree is None else use.value ** (1 / self.degree)
 
     @abstractmethod
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
-        """Every part of a piece in which more than a share of the limit is in use, exactly."""
+        """Yield the exact intervals in which more than `share` of the limit is used, per piece."""
 
     @abstractmethod
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
-        """The use of each bounded joint, or of None, at times `(m,)`, s, for figures."""
+        """Return the use of each bounded joint at times `(m,)`, s, for figures.
+
+        The key is None where the limit is not one joint's.
+        """
 
     def edges(self, motion: Trajectory, times: Array) -> Mapping[tuple[int, int], Array]:
-        """Return what it allows of derivatives along a motion, where that changes, for figures.
+        """Return the bounds of derivatives that change along a motion, for figures.
 
-        By order and joint: the lowest and highest value at times `(m,)`, s, `(2, m)`.
+        The key is order and joint, the value the lowest and highest derivative at times `(m,)`, s,
+        `(2, m)`.
         """
         return {}
 
@@ -180,9 +185,10 @@ class Limit(ABC):
         return None
 
     def velocities(self, joint: int, lowest: Array, highest: Array) -> tuple[Array, Array]:
-        """The lowest and highest velocities that it allows a joint somewhere between positions.
+        """Return the lowest and highest velocity that it allows at any position of a range.
 
-        Infinite where it bounds none.
+        `lowest` and `highest` are the ends of ranges of this joint's position. The velocities are
+        infinite where the limit bounds none.
         """
         return np.full(len(lowest), -np.inf), np.full(len(lowest), np.inf)
 
@@ -190,43 +196,44 @@ class Limit(ABC):
 
     @classmethod
     def name(cls) -> str:
-        """The kind in words."""
+        """Return the name of the kind in words."""
         return cls.key.replace("_", " ")
 
     def unit(self, problem: Problem) -> str:
-        """The unit of its numbers; empty where they have several."""
+        """Return the unit of its numbers; empty where they have several."""
         return ""
 
     def of_joint(self, joint: int, problem: Problem) -> str:
-        """One joint's part of the limit, in words with units; a dash where it has none."""
+        """Return one joint's limit in words with units; a dash where it has none."""
         row = [f"{value:.6g}" for value in self.numbers[joint]]
         return " ".join([*row, self.unit(problem)]).strip() if self.bounds[joint] else "–"
 
     @classmethod
     def amount(cls, use: Use, problem: Problem) -> str:
-        """How much is in use, in words."""
+        """Return the amount of a use in words."""
         return f"{use.value:.6f} of limit" if np.isfinite(use.value) else "no motion allowed"
 
     def flaw(self, use: Use, tolerated: Array, problem: Problem) -> str | None:
-        """A sentence about a use that neither repair nor dilation mends; None for any other.
+        """Return a sentence if neither repair nor dilation removes this excess; else None.
 
-        `tolerated` is the excess over a position that counts as none, rad, `(joints,)`.
+        `tolerated` is the largest excess over a position limit that is not a flaw, rad,
+        `(joints,)`.
         """
         return None
 
 
 def where(use: Use, problem: Problem) -> str:
-    """Where a use is: its joint, if it is one joint's, and its time."""
+    """Return where a use is, in words: its joint, if it has one, and its time."""
     at = f"at {use.time:.6g} s"
     return at if use.joint is None else f"{problem.joint_labels[use.joint]} {at}"
 
 
 def named(key: str) -> type[Limit]:
-    """The kind of limit of a key.
+    """Return the kind of limit with this key.
 
     Raises:
-        InvalidInput: It is another tool's; the message says what comes nearest here.
-        UnknownName: There is none.
+        InvalidInput: Other tools have such a limit; the message names what comes nearest here.
+        UnknownName: There is no such kind.
     """
     if key in KINDS:
         return KINDS[key]

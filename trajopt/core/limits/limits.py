@@ -46,7 +46,7 @@ class Limits:
     jerk: Array
     position: Array
     others: Mapping[str, Limit]
-    _held: ClassVar[Mapping[str, Limit]]  # every limit, also what bounds nothing
+    _held: ClassVar[Mapping[str, Limit]]  # every limit, also those that bound no joint
 
     def __init__(
         self,
@@ -100,12 +100,15 @@ class Limits:
 
     @property
     def segments(self) -> int | None:
-        """How many segments some limit has numbers of; None where all are the same everywhere."""
+        """Return the number of segments; None where every limit is the same in all segments."""
         return next((own.segments for own in self._held.values() if own.segments), None)
 
     @property
     def changes(self) -> Bools:
-        """At which inner waypoints some limit changes, `(segments - 1,)`; one False for none."""
+        """Return at which inner waypoints a limit changes, `(segments - 1,)`.
+
+        It is a single False where limits are the same in all segments.
+        """
         found = np.zeros((self.segments or 2) - 1, dtype=bool)
         for own in self._held.values():
             if own.segments is not None:
@@ -114,23 +117,23 @@ class Limits:
         return found
 
     def of_segments(self, numbers: Indices) -> Limits:
-        """The limits of these segments, by index."""
+        """Return the limits of some segments, by index."""
         return self if self.segments is None else self._each(lambda own: own.of_segments(numbers))
 
     def in_all_segments(self, *, tightest: bool = True) -> Limits:
-        """Limits that are the same in all segments: of each the tightest, or the widest."""
+        """Return limits for all segments together: the tightest, or the widest, of each."""
         if self.segments is None:
             return self
         return self._each(lambda own: own.in_all_segments(tightest=tightest))
 
     @cached_property
     def kinds(self) -> Mapping[str, Limit]:
-        """Every limit that bounds some joint, by its key."""
+        """The limits that bound at least one joint, by key."""
         return {key: own for key, own in self._held.items() if own.bounds.any()}
 
     @cached_property
     def smooth(self) -> Indices:
-        """The highest derivative of each joint that may not jump, `(joints,)`."""
+        """The highest derivative of each joint that must be continuous, `(joints,)`."""
         highest = np.zeros(self.joints, dtype=np.intp)
         for own in self.kinds.values():
             highest = np.where(own.bounds, np.maximum(highest, own.smooth), highest)
@@ -151,7 +154,7 @@ class Limits:
 
     @property
     def jerk_limited(self) -> Bools:
-        """Which joints have a jerk limit, on one side at least, `(joints,)`."""
+        """Return which joints have a jerk limit, on at least one side, `(joints,)`."""
         return self._held["jerk"].bounds
 
     def without(self, *keys: str) -> Limits:
@@ -159,40 +162,40 @@ class Limits:
         return Limits(**{key: own for key, own in self._held.items() if key not in keys})
 
     def only(self, joints: ArrayLike) -> Limits:
-        """The limits of some joints, by index (from 0) or mask.
+        """Return the limits of some joints, by index (from 0) or mask.
 
-        A limit that says nothing of these joints alone is left out.
+        A limit that also depends on other joints is left out.
         """
         chosen = np.arange(self.joints)[np.asarray(joints)]
         return self._each(lambda own: own.only(chosen))
 
     def scaled(self, factor: ArrayLike) -> Limits:
-        """Every limit times a positive factor, or one per joint, as another unit needs it."""
+        """Return the limits multiplied by a positive factor, or one per joint."""
         factors = np.broadcast_to(np.asarray(factor, dtype=float), self.joints)
         return self._each(lambda own: own.scaled(factors))
 
     def in_units(self, time: float, lengths: Array | float) -> Limits:
-        """These limits where times count in `time`, s, and positions in `lengths`, rad.
+        """Return the limits with times in units of `time`, s, and positions in `lengths`, rad.
 
-        `lengths` is one for all joints, or `(joints, 1)`.
+        `lengths` is one number for all joints, or `(joints, 1)`.
         """
         return self._each(lambda own: own.in_units(time, lengths))
 
     def widened(self, key: str, joint: int | None, by: float, segment: int | None = None) -> Limits:
-        """These limits with one joint's part of one limit wider by a fraction.
+        """Return the limits, one of them wider by the fraction `by` for one joint.
 
-        In one segment alone, by index, where segments differ.
+        `segment` widens it in one segment only, by index, where segments differ.
         """
         own = self._held[key]
         part = () if own.segments is None else (segment,)
         return self.with_limit(own.widened(joint, by, *part))
 
     def with_limit(self, own: Limit) -> Limits:
-        """These limits with one of a kind, in place of that kind's if there is one."""
+        """Return the limits with one added, or replaced where there is one of its kind."""
         return Limits(**{**self._held, own.key: own})
 
     def by_name(self) -> dict[str, Array]:
-        """The four limits of each joint by itself, by their names.
+        """Return velocity, acceleration, jerk and position limits, by name.
 
         `(joints, 2)` each, `(segments, joints, 2)` where segments differ.
         """
@@ -204,7 +207,7 @@ class Limits:
 
 
 def _check_segments(kinds: Mapping[str, Limit]) -> None:
-    """Refuse limits of different numbers of segments."""
+    """Refuse limits with different numbers of segments."""
     counts = {key: own.segments for key, own in kinds.items() if own.segments is not None}
     for key, count in counts.items():
         first, expected = next(iter(counts.items()))

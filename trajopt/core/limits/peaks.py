@@ -1,7 +1,7 @@
 """The exact peak of a derivative over a whole motion: roots of polynomials, not samples.
 
-A piece's polynomial over its limit is its use of the limit. Bernstein coefficients bound that use:
-roots are found only for pieces whose bound exceeds the worst use so far.
+A piece's polynomial divided by its limit is its use of the limit. Bernstein coefficients bound the
+use, so roots are computed only for pieces whose bound exceeds the worst use so far.
 """
 
 from __future__ import annotations
@@ -17,35 +17,37 @@ from trajopt.core.limits.limit import Use
 from trajopt.core.trajectory import Trajectory
 
 Measure = Callable[[Array, Array, Array, Array], Array]
-"""Of values, their rounding, and their lower and upper limits: convex, largest where worst."""
+"""A measure of values, their rounding, and their lower and upper limits. It is convex in the
+values, and largest where they are worst."""
 
-PIECES_PER_CHUNK = 256  # roots are found for so many pieces at once, the largest bounds first
+PIECES_PER_CHUNK = 256  # pieces whose roots are computed in one call, the largest bounds first
 
 
 def ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    """The share of the limits that values use, `low < 0 < high`."""
+    """Return the share of the limits that values use; `low < 0 < high`."""
     upwards = (values + rounding) / high
     downwards = (values - rounding) / low
     return np.maximum(upwards, downwards)
 
 
 def excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    """How far values are beyond the limits, below 0 inside them."""
+    """Return how far values are beyond the limits; below 0 inside."""
     above = values + rounding - high
     below = low - values + rounding
     return np.maximum(above, below)
 
 
 def peak(motion: Trajectory, order: int, limits: Array, measure: Measure) -> Use:
-    """The exact worst of a measure of a derivative, over all pieces and joints.
+    """Return the largest value of a measure of a derivative, over all pieces and joints.
 
-    Rounded up by what evaluating the polynomials may round. Not a number where they overflow.
+    The value includes the rounding error of evaluating the polynomials. It is NaN where they
+    overflow.
 
     Args:
-        motion: any.
+        motion: the motion.
         order: of the derivative.
         limits: low and high of each joint, `(joints, 2)`, or of each piece and joint.
-        measure: what is worst.
+        measure: `ratio` or `excess`.
     """
     low, high = limits[..., 0], limits[..., 1]
     unit = motion.pieces(order)
@@ -62,7 +64,7 @@ def peak(motion: Trajectory, order: int, limits: Array, measure: Measure) -> Use
     highest = float(ends.max())
     best = _Peak(highest, int(piece), int(joint), float(side))
 
-    # No piece exceeds its bound: roots are needed only where the bound exceeds the worst so far.
+    # A piece's measure is at most its bound: others need no roots.
     bounds = measure(polynomials.bernstein(unit), rounding, low, high)
     bounds = bounds.max(axis=0)
     by_bound = np.argsort(-bounds, axis=None)
@@ -79,7 +81,7 @@ def peak(motion: Trajectory, order: int, limits: Array, measure: Measure) -> Use
 
 
 class _Peak(NamedTuple):
-    """A measured value, and where: `share` of the piece has passed. Tuples order by value."""
+    """A measured value and its place: `share` is the fraction of the piece's time passed there."""
 
     value: float
     piece: int
@@ -90,7 +92,7 @@ class _Peak(NamedTuple):
 def _peak_among(
     unit: Array, rounding: Array, where: tuple[Indices, ...], limits: Array, measure: Measure
 ) -> _Peak:
-    """The worst of some pieces, from their critical points."""
+    """Return the largest measure of some pieces, at their critical points."""
     pieces, joints = where
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)

@@ -2,9 +2,9 @@
 
     [[limits.segment]]
     number = 2                       # from 1: between the second waypoint and the third
-    velocity = [0.5, 0.5]            # in place of [limits], also where it is larger
+    velocity = [0.5, 0.5]            # replaces that of [limits], also if it is larger
 
-What a table does not give is as under `[limits]`.
+Kinds that a table does not have are those of `[limits]`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Pairs = Mapping[str, Mapping[int, Array]]
 
 
 def read(value: Any, segments: int, joints: int) -> Pairs:
-    """What the tables of a file say.
+    """Return the limits in the tables of a file.
 
     Raises:
         InvalidInput: Names the key, the segment, the joint, the value, and what would be right.
@@ -44,7 +44,7 @@ def read(value: Any, segments: int, joints: int) -> Pairs:
     seen = set()
     for table in value:
         if "position" in table:
-            right = "it left out: under [limits] a range is the same in every segment"
+            right = "no position in a segment: a range is the same in every segment"
             raise InvalidInput(f"{key}.position", right, value=table["position"])
         check_keys(f"{key}.", table, ("number", *NAMES), ("number",))
         number = table["number"]
@@ -78,12 +78,12 @@ def _own(name: str, segment: int, value: Any, joints: int) -> Array:
 
 
 def with_segments(limits: Limits, own: Pairs, segments: int) -> Limits:
-    """These limits, some of them each segment's own.
+    """Return limits with those of single segments put in.
 
     Args:
         limits: The same in all segments.
-        own: In place of them.
-        segments: Of the problem.
+        own: The limits of single segments.
+        segments: Number of segments of the problem.
 
     Raises:
         InvalidInput: A limit under `[limits]` is each segment's own already.
@@ -102,7 +102,7 @@ def with_segments(limits: Limits, own: Pairs, segments: int) -> Limits:
 
 
 def tables(limits: Limits) -> list[dict[str, Any]]:
-    """The tables of a problem file, which `read` reads."""
+    """Return the tables of a problem file, as `read` takes them."""
     found = []
     for segment in range(limits.segments or 0):
         own = {key: limit.of_segment(segment) for key, limit in limits.kinds.items()}

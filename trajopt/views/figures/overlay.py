@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,11 @@ from trajopt.views.figures.style import text
 WIDTH_IN = 5.6  # narrow, so that its texts are legible on a phone
 HEIGHT_IN = 4.4
 LABEL_LINE = 0.09  # height of a line of a label, share of the upper panel's height
-LABEL_CHARACTER = 0.0145  # width of a character, roughly, share of the panel's width
+LABEL_CHARACTER = 0.0155  # width of a character, roughly, share of the panel's width
 EQUAL_RTOL = 1e-3  # durations closer than this are said to be equal
 LABEL_SHIFT = 0.4  # share of a label's width by which it may stand right of its motion's end
 FONT_PT = 9.5
+TITLE_CHARACTERS = 66  # as many as surely fit the figure's width
 FULL = 105.0  # %, of the axis of used limits
 
 
@@ -84,7 +86,8 @@ def overlay(
     lower.set_ylabel("hardest used\nlimit (%)")
     lower.set_xlabel("time (s)")
     lower.set_ylim(0, FULL)
-    figure.suptitle(text(title or _said(problem, motions)), x=0.01, ha="left", fontsize=FONT_PT)
+    lines = wrap(title or _said(problem, motions), TITLE_CHARACTERS)
+    figure.suptitle("\n".join(map(text, lines)), x=0.01, ha="left", fontsize=FONT_PT)
     for axes in (upper, lower):
         axes.tick_params(labelsize=FONT_PT - 1)
         for label in (axes.xaxis.label, axes.yaxis.label):

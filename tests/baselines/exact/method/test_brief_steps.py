@@ -9,6 +9,7 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
+from trajopt.core.resolution import spared
 from trajopt.judging import verification as certificate
 from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import end_to_end_bound
@@ -90,3 +91,16 @@ def test_joints_with_slack_bend_as_waypoints_on_an_optimum_want_it(seed, spacing
     times = 0.4 * motion.waypoint_times[1] + spacing * np.arange(3)
     dense = Problem(np.insert(clear.waypoints, 1, motion(times), axis=0), limits)
     assert certified(ExactJerk(), dense) == pytest.approx(motion.duration, rel=1e-6)
+
+
+@pytest.mark.parametrize("stiffness", [None, 1.0])
+def test_a_joint_that_moves_in_tiny_steps_alone_rests(stiffness):
+    """Its steps are above its rounding, but the waypoint between them may be missed."""
+    line = [0.0, 0.5, 0.5 + 1e-6, 0.5 + 2e-6, 1.0]
+    points = np.stack([line, 1.0 + np.array([0.0, 0.0, 1e-13, 0.0, 0.0])], axis=1)
+    ones = np.ones(2)
+    problem = Problem(points, Limits(2 * ones, ones, jerk=stiffness and stiffness * ones))
+    assert spared(problem).sum() == 1
+    planner = Exact() if stiffness is None else ExactJerk()
+    best = end_to_end_bound(problem)
+    assert certified(planner, problem) == pytest.approx(best, rel=1e-6)
