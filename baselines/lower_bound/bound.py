@@ -87,8 +87,8 @@ def prove(
         time_limit: s, including the time to build the programs. After it the bounds reached are the
             answer. If the first program alone takes longer than that, and longer than one second,
             the bound is one in closed form, and a message says so.
-        clock: The clock of the time limit. By `time.process_time` what else the machine does
-            changes no bound.
+        clock: The clock of the time limit. With `time.process_time` no bound depends on what else
+            the machine does.
 
     Raises:
         InvalidInput: An argument cannot be used.

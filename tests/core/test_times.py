@@ -13,6 +13,7 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
+from baselines.spline import Spline
 from trajopt import Limits, Problem, Status
 from trajopt.benchmark.store.trial_text import certificate_of, certificate_table
 from trajopt.core import dwell
@@ -221,7 +222,7 @@ def test_one_line_says_what_is_wrong(demands, message):
 
 def test_a_planner_without_them_refuses_least_times():
     problem = Problem(WAYPOINTS, LIMITS, least_times=[0, 1.5, 0], dwell=[0, 0.2, 0, 0])
-    answer = RuckigStop().solve(problem)
+    answer = Spline().solve(problem)
     assert answer.status is Status.UNSUPPORTED
     assert answer.message == "it does not know least times"
     assert "does not know least times" in Exact(solver="ipopt").unsupported(problem)

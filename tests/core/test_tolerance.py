@@ -103,7 +103,7 @@ def test_one_line_says_what_is_wrong(tolerance, message):
 
 
 def test_it_must_leave_a_way():
-    with pytest.raises(InvalidInput, match="within it the motion never moves"):
+    with pytest.raises(InvalidInput, match="within it no motion is needed"):
         Problem([[0.0], [0.1], [0.0]], Limits([1.0], [2.0]), tolerance=0.15)
     with pytest.raises(InvalidInput, match=r"tolerance, waypoint 2 is 0.1: expected 0, where"):
         Problem(WAYPOINTS, LIMITS, tolerance=0.1, dwell=[0, 1, 0, 0])

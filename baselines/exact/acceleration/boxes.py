@@ -1,10 +1,10 @@
 """Merge neighbouring waypoints whose tolerances overlap.
 
-Where the boxes around neighbouring waypoints overlap in every joint, the optimum may pass both at
-one instant, which the logarithm of the segment's time does not reach. So problems are solved also
-in which such neighbours are one waypoint, in the intersection of their boxes. The limits of the
-segment between them still count there, of what may not jump: velocity, and acceleration where jerk
-is limited.
+A tolerance makes a box around each waypoint. Where the boxes of two neighbours overlap in every
+joint, the optimum may pass both at one instant. The segment's time is then 0, which its logarithm
+does not reach. So further problems are solved, in which such neighbours are one waypoint in the
+intersection of their boxes. The limits of the segment between them still count there, for what
+does not jump: velocity, and acceleration where jerk is limited.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class Merged(NamedTuple):
     """A problem in which some neighbouring waypoints are merged.
 
     Attributes:
-        problem: Through one waypoint where neighbours are one.
-        places: Where each waypoint went, `(waypoints,)`.
-        passing: Limits of velocity and acceleration at the waypoints, those of the segments that
-            are left out, as `Scaled` takes them; None where all segments have the same.
+        problem: The problem with fewer waypoints.
+        places: Index of each original waypoint among these, `(waypoints,)`.
+        passing: Limits of velocity and acceleration at the waypoints, from the segments that were
+            removed, in the form that `Scaled` takes; None where all segments have the same limits.
     """
 
     problem: Problem
@@ -61,17 +61,18 @@ def merged(problem: Problem) -> Iterator[Merged]:
 
 
 def best(planner: PlannerT, problem: Problem, solve: Solve[PlannerT]) -> Solution:
-    """Return the best answer of the problem, and of those with neighbours in one.
+    """Return the shortest answer to the problem and to those with merged neighbours.
 
     Args:
         planner: Finds local optima from several initial guesses.
         problem: With a tolerance.
-        solve: Answers a problem as such a planner does, with further limits at the waypoints; where
-            it is not patient, it tries no more starts than the planner's.
+        solve: Returns the planner's answer to a problem with further limits at its waypoints, see
+            `Merged.passing`. Its last argument tells whether more initial guesses are tried where
+            all of the planner's have failed.
     """
     whole, *others = merged(problem)
     if others:
-        # where neighbours overlap the whole problem's own optimum may have a time of 0
+        # one of the merged problems may have the optimum: fewer guesses for each
         planner = replace(planner, starts=min(planner.starts, FEW_STARTS))
     found: list[Solution] = []
     for own, index, passing in [*others, whole]:
@@ -122,13 +123,13 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
         own = replace(problem, waypoints=(low + high) / 2, demands=demands, limits=limits)
     except InvalidInput:
         return None
-    if impossible(own):  # the next segment's limits are tighter at an end
+    if impossible(own):  # a state at an end exceeds the limits of what is now the end segment
         return None
     return Merged(own, index, _passing(problem, index))
 
 
 def _passing(problem: Problem, index: Indices) -> Array | None:
-    """The limits at each waypoint of the segments that are left out there."""
+    """Return the limits at each waypoint, from the segments that were removed there."""
     limits = problem.limits
     if limits.segments is None:
         return None

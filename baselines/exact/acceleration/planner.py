@@ -102,8 +102,8 @@ class Exact(SeveralStarts):
 
         Args:
             problem: Through these waypoints.
-            passing: Further limits at the waypoints, as `Scaled` takes them.
-            patient: Whether more starts are tried where all have failed.
+            passing: Further limits at the waypoints, in the form that `Scaled` takes.
+            patient: Whether more initial guesses are tried where all have failed.
         """
         scaled = Passing(problem, passing)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
@@ -132,7 +132,7 @@ class Passing(Scaled):
 
     Args:
         problem: its position and jerk limits are ignored.
-        passing: further limits at the waypoints, as `Scaled` has them; velocities count.
+        passing: further limits at the waypoints, as `Scaled` has them; only velocities count.
     """
 
     def __init__(self, problem: Problem, passing: Array | None = None) -> None:

@@ -34,9 +34,9 @@ from trajopt.core.arrays import Array, Bools
 
 # Order of a cell's inequalities, each for both sides: displacement (of both kinds of profiles, see
 # `JerkTables`), acceleration and velocity at the cell's end. Then the least time, if one is asked
-# for. Where limits differ from segment to segment, the velocity at the cell's start is last; before
-# it, where one instant passes several waypoints, the velocity at the cell's end under the limits of
-# the segments between them.
+# for. Where limits differ from segment to segment, the velocity at the cell's start is last. Before
+# it, where one instant passes several waypoints, comes the velocity at the cell's end again, with
+# the limits of the segments between these waypoints.
 REACH = 4
 SLOWER = slice(REACH, REACH + 2)
 FASTER = slice(REACH + 2, REACH + 4)

@@ -68,7 +68,7 @@ class NearTables(JerkTables):
 class NearInequalities(JerkInequalities):
     """The inequalities of `JerkInequalities`, and `|p| ≤ r`, both sides of each."""
 
-    # what has not converged by then cycles: a time tends to 0, or a box is as wide as the way
+    # A start that needs more cycles: a time tends to 0, or a box is as wide as the displacement.
     max_iterations = 120
 
     cells: NearTables
@@ -81,7 +81,7 @@ class NearInequalities(JerkInequalities):
         self.reach = self.reach - cells.signs * self.way
         share = last / cells.box
         boxes = np.where(cells.free, [1 - share, 1 + share], 1.0)
-        # rows of velocity where segments differ stay the last
+        # the velocity inequalities of limits per segment stay last
         last = len(self.values) - 2 * cells.by_segment - 2 * (cells.passing is not None)
         others = self.values[REACH:last], boxes[:, None], self.values[last:]
         self.values = np.concatenate([self.reach[:, None], *others])

@@ -101,13 +101,13 @@ class ExactJerk(SeveralStarts):
         passing: Array | None = None,
         patient: bool = True,
     ) -> Solution:
-        """The answer without leaving out waypoints.
+        """Return the answer through these waypoints.
 
         Args:
-            problem: Through these waypoints.
-            left_out: One of the waypoints left out of each segment, as `Reachable` has them.
-            passing: Further limits at the waypoints, as `Scaled` takes them.
-            patient: Whether more starts are tried where all have failed.
+            problem: Without waypoints to leave out.
+            left_out: Positions of waypoints that were left out, see `Reachable`.
+            passing: Further limits at the waypoints, in the form that `Scaled` takes.
+            patient: Whether more initial guesses are tried where all have failed.
         """
         # late: planners that are only listed need none of it
         from baselines.exact.jerk.motion import Reachable

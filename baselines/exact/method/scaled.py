@@ -36,8 +36,8 @@ class Scaled:
             have the same limits, as in the next two.
         a: acceleration limits, likewise.
         r: inverse jerk limits, likewise, not negative.
-        waypoint_v, waypoint_a: at the inner waypoints, where the tighter of both segments counts
-            and that of `passing`, `(2, segments - 1, joints)` or `(2, 1, joints)`.
+        waypoint_v, waypoint_a: at the inner waypoints, the tightest of both segments' limits and of
+            `passing`, `(2, segments - 1, joints)` or `(2, 1, joints)`.
         passing: further limits at these waypoints, `(2 orders, 2, segments - 1, joints)`; None
             where there are none.
         by_segment: whether these differ from segment to segment.
@@ -158,7 +158,7 @@ class Scaled:
 
 
 def _tighter(limits: Array, others: Array) -> Array:
-    """The tighter of two limits, low first."""
+    """Return the tighter of two limits, low first."""
     return np.array([np.maximum(limits[0], others[0]), np.minimum(limits[1], others[1])])
 
 

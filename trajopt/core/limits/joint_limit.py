@@ -140,9 +140,11 @@ class JointLimit(Limit):
         return peaks.peak(motion, self.order, self._along(motion), peaks.ratio)
 
     def at_instants(self, motion: Trajectory, joints: Bools) -> Use | None:
-        """The worst use by some joints in segments that take no time; None without one.
+        """Return the worst use in segments that take no time; None where all take some.
 
-        It says something of joints whose rate does not jump, `(joints,)`.
+        Args:
+            motion: Of all joints.
+            joints: Which joints count, `(joints,)`: those whose derivative does not jump.
         """
         if self.segments is None or not joints.any():
             return None

@@ -140,10 +140,10 @@ class Limits:
         return highest
 
     def worst(self, key: str, motion: Trajectory) -> Use:
-        """The exact worst use of one limit by a motion, rounded towards more use.
+        """Return the exact worst use of one limit by a motion, rounded towards more use.
 
-        A segment that takes no time has limits too, of what may not jump there: velocity, and
-        acceleration of joints with a jerk limit.
+        The limits of segments that take no time count too, for what does not jump there: velocity,
+        and acceleration of joints with a jerk limit.
         """
         own = self.kinds[key]
         found = own.worst(motion)
