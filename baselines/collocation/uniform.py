@@ -74,6 +74,8 @@ _DRIFT_WEIGHT = 1e-4
 # that time with falling velocity limits.
 _LONGEST = 1.5
 _SLOWEST = 1e3
+# Longest time that a joint which begins or ends in motion may take more, in times of stopping.
+_RETURNS = 6.0
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,12 @@ class CollocationGrid:
     @property
     def longest(self) -> float:
         """Longest total time."""
-        return float(_LONGEST * self.slower * self.stop.sum())
+        velocity, acceleration = np.abs(self.ends).max(axis=0)
+        weakest, gentlest = (np.abs(own).min(axis=(0, 1)) for own in (self.acceleration, self.jerk))
+        # of a joint in motion: to end its acceleration and its velocity
+        ends = velocity / weakest + acceleration / gentlest + np.sqrt(velocity / gentlest)
+        returning = _RETURNS * ends.max()
+        return float(_LONGEST * self.slower * (self.stop.sum() + returning))
 
     def dilation(self, motion: Trajectory) -> float:
         """Return the least dilation that keeps falling velocity limits, or the largest one tried.

@@ -57,6 +57,9 @@ Splines of one degree are C² here, their times and knot derivatives free: B-spl
 smoother, are among them and cannot be faster.
 """
 
+STOPPING = "ruckig-stop"
+"""At rest at every inner waypoint, where the motion begins or ends with a velocity."""
+
 THROUGH_WAYPOINTS = "ruckig-search"
 """The planner whose certified answers are at or near the optimum, where a reference fails."""
 

@@ -20,6 +20,7 @@ from trajopt.explain.references import (
     BEST_OF_FAMILY,
     OPTIMUM_WITH_JERK,
     PROOF,
+    STOPPING,
     THROUGH_WAYPOINTS,
     ReferenceAnswer,
     asked,
@@ -96,7 +97,7 @@ class Known:
         best_by: that planner's name, or the reasons why every planner failed.
         lower_bound: no trajectory takes less; proved.
         bound_by: what proved it.
-        stopping: the fastest motion that rests at every waypoint.
+        stopping: the fastest motion that rests at every inner waypoint.
         best_of_family: the shortest certified duration within a family, by the family's name.
         trajectory: of the best.
     """
@@ -157,7 +158,6 @@ def survey(problem: Problem, families: Iterable[str] = (), *, time_limit: float 
     best_by, best = _best(problem, bound)
     if not _met(best, bound):
         bound_by, bound = _proved(problem, bound, time_limit)
-    segments = stop_times(problem)
     best_of_family = {}
     for family in families:
         answer = asked(BEST_OF_FAMILY[family], problem)
@@ -169,10 +169,17 @@ def survey(problem: Problem, families: Iterable[str] = (), *, time_limit: float 
         best_by,
         bound,
         bound_by,
-        stopping=float(segments.sum()),
+        stopping=_stopping(problem),
         best_of_family=best_of_family,
         trajectory=best.trajectory,
     )
+
+
+def _stopping(problem: Problem) -> float:
+    """Return the duration of stopping at every inner waypoint, s; NaN if it is not known."""
+    if problem.route.at_rest:
+        return float(stop_times(problem).sum())
+    return asked(STOPPING, problem).duration or np.nan
 
 
 def judge_claim(claim: Claim, known: Known) -> JudgedClaim:

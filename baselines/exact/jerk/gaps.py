@@ -86,7 +86,9 @@ def off_limits(problem: Problem) -> Problem:
             np.abs(own).min(axis=1) for own in (limits.velocity, limits.acceleration, limits.jerk)
         )
         size = np.abs(state.velocity)
-        led = size + state.acceleration**2 / (2 * J)
+        # the velocity that the acceleration leads to, backwards in time from the end
+        towards = np.sign(state.acceleration) * (1 if end == "start" else -1)
+        led = towards * state.velocity + state.acceleration**2 / (2 * J)
         use = np.maximum(np.maximum(size, led) / V, np.abs(state.acceleration) / A)
         if (use > 1 - OFF_LIMITS).any():
             moved = True

@@ -8,6 +8,7 @@ import pytest
 import trajopt
 from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound.planner import Prove
+from baselines.ruckig_ import RuckigStop
 from soaks.moving_ends import drawn, optimum
 from trajopt import Limits, Problem, Status, verify
 
@@ -99,3 +100,12 @@ def test_an_answer_that_nothing_certifies_is_not_called_solved():
     solution = ExactJerk().solve(trajopt.problem("moving-random-33"))
     assert solution.status is Status.FAILED
     assert solution.message == "no motion found that keeps the limits and passes the tiny steps"
+
+
+def test_an_end_at_the_velocity_limit_may_still_accelerate():
+    # a cam of Riboli and others (2023, Table 3, piece 1)
+    demands = {"end_velocity": [15.7], "end_acceleration": [75.4]}
+    problem = Problem([[0.0], [np.pi]], Limits([15.7], [1e4], [1500.0]), demands=demands)
+    ruckig = RuckigStop().solve(problem).trajectory
+    found = ExactJerk().solve(problem).trajectory
+    assert verify(problem, found).certified_duration == pytest.approx(ruckig.duration, rel=1e-6)
