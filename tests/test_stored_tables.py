@@ -6,6 +6,7 @@ import csv
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -141,10 +142,23 @@ def test_the_arena_says_what_its_tables_show():
     assert f"half of them end {sorted(gaps)[len(gaps) // 2]:.2f} % above" in text
     for name in own:
         assert columns["median gap"][names.index(name)] in text
+    random = gaps[names.index("pymoo RandomSearch")]
+    worse = sum(gap > random for gap in gaps)
+    assert f"ends {random:.4f} % above the optimum: {worse} of the others end farther" in text
     groups = columns["group"]
     assert f"{max(map(int, groups))} groups differ" in text
     for name in own:
         assert f"{groups[names.index(name)]}th" in text
+
+    _, (_, *body) = stored(STORED / "arena-nevergrad.csv")
+    gaps = medians([gap for _, gap, _ in body])
+    within = "{} came within 0.1 %, {} within 1 %".format(
+        *(sum(gap <= percent for gap in gaps) for percent in (0.1, 1))
+    )
+    half = sorted(gaps)[len(gaps) // 2]
+    ran = f"{len(body)} ran once with 1,000 evaluations: {within}, and half end {half:.2f} % above"
+    assert ran in text
+    assert f"{sum(np.isinf(gaps))} need packages" in text
 
     _, (heading, *body) = stored(STORED / "arena-10000.csv")
     columns = {name: [row[i] for row in body] for i, name in enumerate(heading)}
