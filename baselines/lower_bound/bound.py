@@ -26,7 +26,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
-from trajopt.planners.reductions import SIMPLEST
+from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
@@ -139,7 +139,9 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
         known = best.duration
         passed = best.trajectory.waypoint_times[counted(problem)]
         motion = replace(best.trajectory, waypoint_times=passed)
-    outcome = branch_and_bound(relaxation, known / (1 + within), within, late, motion)
+        motion = RESTING_JOINTS.reduced(relaxation, motion)
+    moving = RESTING_JOINTS.apply(relaxation)
+    outcome = branch_and_bound(moving, known / (1 + within), within, late, motion)
     dropped = np.flatnonzero(~counted(problem)) + 1
     if "given_times" in problem.demands and outcome.lower_bound > given * (1 + _ROUNDING_RTOL):
         return _impossible(given, outcome.lower_bound, outcome.proof)

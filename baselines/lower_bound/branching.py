@@ -107,7 +107,7 @@ def branch_and_bound(
     """Prove that no motion is shorter than the target, or than less if the time is over first.
 
     Args:
-        problem: Without identical consecutive waypoints; all its limits are used.
+        problem: Without identical consecutive waypoints; all joints move, all limits are used.
         target: s. If it is not a lower bound, the bound that is proved is smaller.
         gap: Relative distance of the target from the fastest motion known; it sets the tolerances.
         late: Returns whether the time limit is over.

@@ -33,7 +33,7 @@ from baselines.lower_bound.relaxation import (
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.planners.reductions import SIMPLEST
+from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
@@ -181,7 +181,8 @@ def proved_bound(problem: Problem, proof: BoundProof) -> float:
     try:
         # without overflow or underflow an operation's error is half a unit in its last place
         with np.errstate(all="raise"):
-            relaxation = relaxation_of(relaxed(SIMPLEST.apply(problem)), proof)
+            through = relaxed(SIMPLEST.apply(problem))
+            relaxation = relaxation_of(RESTING_JOINTS.apply(through), proof)
             rows = _proof_rows(relaxation, proof)
             lowest = _walked(relaxation, rows, proof)
     except ArithmeticError as error:

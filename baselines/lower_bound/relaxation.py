@@ -74,7 +74,7 @@ class Relaxation:
 
     Attributes:
         cutoff: Only motions shorter than this are bounded, in `time_unit`.
-        h: Displacements of the joints that move, `(segments, joints)`.
+        h: Displacements, `(segments, joints)`.
         v, a, j: Sizes of the limits, downwards and upwards, `(2, segments, joints)`. Velocities are
             those that accelerating and braking within the cut-off can reach.
         least: Least times of the segments, `(segments,)`; given times are least times too.
@@ -102,11 +102,10 @@ class Relaxation:
     def __init__(
         self, problem: Problem, cutoff: float, time_unit: float, length_units: Array
     ) -> None:
-        moving = problem.moving  # a joint may rest once waypoints of tiny steps are left out
         limits = problem.limits
-        waypoints = problem.waypoints[:, moving]
+        waypoints = problem.waypoints
         lengths = np.asarray(length_units, dtype=float)
-        _check_units(time_unit, lengths, int(moving.sum()))
+        _check_units(time_unit, lengths, problem.joints)
         self.time_unit = time_unit
         self.length_units = lengths
         self.cutoff = cutoff / time_unit
@@ -114,16 +113,16 @@ class Relaxation:
         self.joints = len(lengths)
 
         self.h = np.diff(waypoints, axis=0) / lengths
-        self.a = self._sizes(limits.acceleration[..., moving, :], lengths / time_unit**2)
-        velocity = self._sizes(limits.velocity[..., moving, :], lengths / time_unit)
+        self.a = self._sizes(limits.acceleration, lengths / time_unit**2)
+        velocity = self._sizes(limits.velocity, lengths / time_unit)
         route = problem.route
         self.closed = bool(route.demand("closed"))
-        r = route.demand("tolerance")[:, moving] / lengths
+        r = route.demand("tolerance") / lengths
         self.tolerant = bool(r.any())
         self.tolerance = r[1:] if self.closed else r[1:-1]
         self.reduced = r[:-1] + r[1:]
         units = lengths / time_unit ** np.array([[1.0], [2.0]])
-        ends = np.stack([route.start, route.end], axis=1)[..., moving]
+        ends = np.stack([route.start, route.end], axis=1)
         self.end_states = ends / units[:, None]
         # A motion speeds up from its first velocity to a peak and brakes to its last one. A change
         # of velocity takes at least its size over A1 or A2, and both together at most the cut-off.
@@ -133,10 +132,10 @@ class Relaxation:
         reached *= 1 + ROUNDING_RTOL
         # a closed motion may begin at any velocity
         self.v = velocity if self.closed else np.minimum(velocity, reached)
-        self.j = self._sizes(limits.jerk[..., moving, :], lengths / time_unit**3)
+        self.j = self._sizes(limits.jerk, lengths / time_unit**3)
         self.limited: Bools = np.asarray(np.isfinite(self.j).any(axis=0))
         self.jerky: Bools = np.asarray(self.limited.any(axis=0))
-        lowest, highest = limits.position[moving].T
+        lowest, highest = limits.position.T
         starts = waypoints[:-1]
         self.below = (lowest - starts) / lengths
         self.above = (highest - starts) / lengths
@@ -155,12 +154,12 @@ class Relaxation:
         """Return the relaxation in units that suit the problem.
 
         Args:
-            problem: Without identical consecutive waypoints.
+            problem: Without identical consecutive waypoints; all joints move.
             cutoff: Only motions shorter than this are bounded, s.
         """
         time_unit = float(powers_of_two(cutoff / problem.segments))
         known = problem.limits.in_all_segments(tightest=False)
-        largest = np.abs(known.acceleration[problem.moving]).max(axis=1)
+        largest = np.abs(known.acceleration).max(axis=1)
         lengths = powers_of_two(largest * time_unit**2)
         return cls(problem, cutoff, time_unit, lengths)
 
@@ -223,8 +222,8 @@ class Relaxation:
         x = np.zeros(self.variables)
         inner = motion.waypoint_times[1 : None if self.closed else -1]
         unit = self.time_unit
-        velocities = motion(inner, 1)[:, problem.moving] / self.length_units
-        accelerations = motion(inner, 2)[:, problem.moving] / self.length_units
+        velocities = motion(inner, 1) / self.length_units
+        accelerations = motion(inner, 2) / self.length_units
         moving = np.diff(motion.waypoint_times) - self.waits[:-1]
         moving[-1] -= self.waits[-1]
         x[self.time] = moving / unit
@@ -233,7 +232,7 @@ class Relaxation:
         x[self.given] = self.end_states
         if self.tolerant:
             places = problem.waypoints[1 : len(inner) + 1]
-            away = (motion(inner) - places)[:, problem.moving] / self.length_units
+            away = (motion(inner) - places) / self.length_units
             x[self.offset] = np.clip(away, -self.tolerance, self.tolerance)
         return x
 
@@ -477,10 +476,10 @@ def _falling(problem: Problem, time_unit: float, lengths: Array) -> FallingRows:
     own = problem.limits.kinds.get(FallingVelocity.key)
     if isinstance(own, FallingVelocity):
         rows = own.rows
-    offset, deceleration, low, high = rows[problem.moving].T
+    offset, deceleration, low, high = rows.T
     offset = offset / (lengths / time_unit)
     deceleration = deceleration / (lengths / time_unit**2)
-    waypoints = problem.waypoints[:, problem.moving]
+    waypoints = problem.waypoints
     distance = np.stack([waypoints - low, high - waypoints]) / lengths
     blocked = offset * offset / (2 * deceleration)
     margin = ROUNDING_RTOL * (np.abs(distance) + blocked)

@@ -5,6 +5,15 @@
 
 This `solve` gets a problem in which consecutive waypoints differ and every joint moves. Its caller
 gets the answer to the original problem. The design is cvxpy's: `accepts`, `apply`, `invert`.
+
+Some planners get all joints, with `EQUAL_WAYPOINTS` alone:
+
+- a swarm, because each joint has random numbers of its own, by its number;
+- `smooth`, because its measure weighs joints by the units of all of them;
+- TOPP-RA and planners of other packages, which get a problem as their own users would state it.
+
+What reads a problem and brings no answer back, as the judge and the closed forms do, calls
+`Problem.merged` itself.
 """
 
 from __future__ import annotations
@@ -77,6 +86,10 @@ class RestingJoints(Reduction):
         if not self.accepts(problem):
             return motion
         return motion.beside(problem.waypoints[0], problem.moving)
+
+    def reduced(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        """Return the simpler problem's motion for one of the original problem."""
+        return replace(motion, coefficients=motion.coefficients[..., problem.moving])
 
 
 class OwnUnits(Reduction):

@@ -26,6 +26,11 @@ from trajopt.judging.verification import certified, verify
 from trajopt.planners.rest_to_rest import stop_times
 
 
+def never() -> bool:
+    """A time limit that is not reached."""
+    return False
+
+
 def limited_problem(seed, *, jerk=True, walls=False, waypoints=4, joints=2, one_sided=False):
     rng = np.random.default_rng(seed)
     rows = rng.uniform(-1, 1, (waypoints, joints))
@@ -188,7 +193,7 @@ def test_asymmetric_limits_meet_the_trapezoid():
     problem = Problem([[0.0], [1.0]], Limits([[-1, 0.5]], [[-1.0, 4.0]]))
     # h/V + V/(2 A1) + V/(2 A2)
     optimum = 2.0 + 0.25 + 0.0625
-    proof = branch_and_bound(problem, optimum, 1e-6, np.inf)
+    proof = branch_and_bound(problem, optimum, 1e-6, never)
     assert optimum * (1 - 1e-6) <= proof.lower_bound <= optimum
 
 
@@ -197,7 +202,7 @@ def test_a_tiny_step_beside_long_ones_does_not_hide_them(step):
     """Forth, a tiny step back, forth again: the joint is at rest where it turns."""
     problem = Problem([[0.0], [1.0], [1.0 - step], [2.0]], Limits([1.5], [2.0]))
     optimum = stop_times(problem).sum()
-    proof = branch_and_bound(problem, optimum * (1 - 1e-5), 1e-5, np.inf)
+    proof = branch_and_bound(problem, optimum * (1 - 1e-5), 1e-5, never)
     assert optimum * (1 - 2e-5) <= proof.lower_bound <= optimum
 
 
@@ -207,7 +212,7 @@ def test_waypoints_of_all_scales_along_a_straight_line_cost_nothing():
     problem = Problem(places[:, None], Limits([1.0], [2.0]))
     # h/V + V/A
     optimum = places[-1] + 0.5
-    proof = branch_and_bound(problem, optimum * (1 - 1e-5), 1e-5, np.inf)
+    proof = branch_and_bound(problem, optimum * (1 - 1e-5), 1e-5, never)
     assert optimum * (1 - 2e-5) <= proof.lower_bound <= optimum
 
 
@@ -230,7 +235,7 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
         rising = j * ramp**3 / 6
         falling = v * hold - hold**2 / 2 + j * end**3 / 6
     infimum = ramp + end + hold + (1.0 - rising - falling) / v
-    proof = branch_and_bound(problem, infimum, 1e-5, np.inf)
+    proof = branch_and_bound(problem, infimum, 1e-5, never)
     assert infimum * (1 - 1e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
     bound = prove(problem, within=1e-3, time_limit=20)
     assert bound.status == "proved"
@@ -319,7 +324,7 @@ def proved_with_jerk():
     problem = replace(walk, waypoints=walk.waypoints[4:9]).only([0, 1])
     motion = ExactJerk(starts=1).solve(problem).trajectory
     known = verify(problem, motion).certified_duration
-    found = branch_and_bound(problem, known / (1 + 1e-3), 1e-3, np.inf)
+    found = branch_and_bound(problem, known / (1 + 1e-3), 1e-3, never)
     return problem, known, found
 
 
@@ -378,7 +383,7 @@ def test_rounding_a_proof_of_many_steps_costs_no_more_than_its_digits():
     problem = limited_problem(0, waypoints=5)
     motion = ExactJerk(starts=1).solve(problem).trajectory
     known = verify(problem, motion).certified_duration
-    found = branch_and_bound(problem, known / (1 + 5e-4), 5e-4, np.inf)
+    found = branch_and_bound(problem, known / (1 + 5e-4), 5e-4, never)
     moves = found.proof.steps[:, 0] <= LOWER
     assert moves.sum() > 10
     arrays = vars(found.proof)
@@ -478,8 +483,8 @@ def test_the_optimum_s_own_costates_save_linear_programs() -> None:
     best = incumbent(problem, seconds=1.0)
     assert best is not None
     target = best.duration / (1 + 1e-4)
-    found = branch_and_bound(problem, target, 1e-4, np.inf, best.trajectory)
-    without = branch_and_bound(problem, target, 1e-4, np.inf)
+    found = branch_and_bound(problem, target, 1e-4, never, best.trajectory)
+    without = branch_and_bound(problem, target, 1e-4, never)
     assert found.programs < without.programs
     assert target <= found.lower_bound <= best.duration
 
@@ -489,7 +494,7 @@ def test_rows_of_a_motion_on_which_the_solver_breaks_down_are_left() -> None:
     best = incumbent(problem, seconds=0.5)
     assert best is not None
     target = best.duration / (1 + 1e-4)
-    found = branch_and_bound(problem, target, 1e-4, np.inf, best.trajectory)
+    found = branch_and_bound(problem, target, 1e-4, never, best.trajectory)
     assert target <= found.lower_bound <= best.duration
 
 
