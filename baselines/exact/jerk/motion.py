@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import itertools
+from operator import attrgetter
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -27,7 +28,7 @@ from baselines.exact.method.chain import at_ends, with_outer
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from baselines.exact.method.segments import MOST, Segments
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
 
 # Where the extreme displacements are closer than this, relative to what the limits allow, one of
@@ -50,10 +51,15 @@ CLOSE_RTOL = 1e-2
 BRIEF_USE = 1e-9
 # In a segment with a waypoint left out: a joint whose step is a smaller share of the largest one
 # does not determine when the waypoint is passed, and one with less slack, relative to its reachable
-# displacements, keeps its motion.
+# displacements, keeps its motion. Where the motion misses it by more roundings than `MISS`, one is
+# tried that is slower by a share of its time.
 LEAST_MOVE = 1e-2
 LEAST_SLACK = 1e-7
 LEADER_STEPS = 4
+MISS = 0.25
+SLOWER = 3e-7
+TIMES = (1 / 64, 64.0)  # least and largest square of a factor of a brief segment's time
+HALVES = np.array([[-0.5], [0.5]])
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -93,6 +99,8 @@ def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Piec
     rows = _settled(JerkInequalities(JerkTables(scaled), states), limits)
     if scaled.left_out is not None:
         rows = _bent(rows, limits, scaled, scaled.left_out)
+        (times,) = rows.times
+        limits = _AllowedMotion.of(scaled, times)
     profiles = _KnottedProfiles.of(rows, limits)
     starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
     signs = np.array([[[-1.0]], [[1.0]]])
@@ -189,41 +197,132 @@ def _bent(
 ) -> JerkInequalities:
     """Return the program with states whose motion bends towards waypoints that were left out.
 
-    In the brief segment of such a waypoint acceleration is constant. Joints with slack take the one
-    with which they pass it when the joint of least slack does, where the segments beside allow it.
+    Where limits leave too little freedom for that the motion is slower by `SLOWER`, and its brief
+    segments may take other times.
     """
     *_, q_unit = scaled.units
-    passed = (left_out - scaled.problem.waypoints[:-1]) / q_unit
-    for segment in np.flatnonzero(np.isfinite(passed[1:-1]).all(axis=1)) + 1:
-        ends = [segment - 1, segment]
+    away = (left_out - scaled.problem.waypoints[:-1]) / q_unit
+    rounding = scaled.problem.rounding / q_unit
+    passed = _Passed(limits, away, rounding)
+    bent = passed.by(rows, LEAST_SLACK)
+    if bent.missed <= MISS or not scaled.problem.route.at_rest:
+        return bent.rows
+    for factors in (np.ones_like(rows.times), passed.times(rows)):
+        slower = passed.by(passed.slower(rows, factors), -np.inf)
+        within = slower.rows.values >= -SETTLED_RTOL * limits.gained
+        if slower.missed <= MISS and within.all():
+            return slower.rows
+    return bent.rows
+
+
+class _Bend(NamedTuple):
+    """The program with other states, and by how many roundings its motion misses a waypoint."""
+
+    rows: JerkInequalities
+    missed: float
+
+
+class _Passed(NamedTuple):
+    """Waypoints that were left out, one in each of some brief segments.
+
+    Attributes:
+        limits: of the motion.
+        away: from the segments' starts, `(segments, joints)`; NaN where there is none.
+        rounding: of each joint's coordinates, `(joints,)`.
+    """
+
+    limits: _AllowedMotion
+    away: Array
+    rounding: Array
+
+    @property
+    def brief(self) -> Indices:
+        """The segments of these waypoints."""
+        return np.flatnonzero(np.isfinite(self.away[1:-1]).all(axis=1)) + 1
+
+    def by(self, rows: JerkInequalities, least: float) -> _Bend:
+        """Return the program whose motion passes them, if it can.
+
+        A joint of no more than the `least` slack keeps its motion. Each joint is tried as leader.
+        """
+        worst = 0.0
+        for segment in self.brief:
+            steps = np.abs(rows.cells.h[segment])
+            leaders = np.flatnonzero(steps > LEAST_MOVE * steps.max())
+            follows = self.limits.jerky & (self._slack(rows, segment) > least)
+            bends = [self._led(rows, segment, leader, follows) for leader in leaders.tolist()]
+            best = min(bends, key=attrgetter("missed"))
+            rows = best.rows
+            worst = max(worst, best.missed)
+        return _Bend(rows, worst)
+
+    def times(self, rows: JerkInequalities) -> Array:
+        """Return factors of the times with which the joint of least slack bends as it should."""
+        factors = np.ones_like(rows.times)
+        for segment in self.brief:
+            leader = int(np.abs(rows.cells.h[segment]).argmax())
+            own = rows.point.acceleration[0, segment - 1 : segment + 1].mean(axis=0)
+            _, wished = self._wished(rows, segment, leader)
+            slack = self._slack(rows, segment)
+            slack[leader] = np.inf
+            tightest = slack.argmin()
+            factors[0, segment] = np.sqrt(np.clip(wished[tightest] / own[tightest], *TIMES))
+        return factors
+
+    def slower(self, rows: JerkInequalities, factors: Array) -> JerkInequalities:
+        """Return the program of a slower motion, with each joint's mean acceleration in between."""
+        slower = 1 + SLOWER
+        times = slower * factors * rows.times
+        velocity, acceleration = rows.point.velocity / slower, rows.point.acceleration / slower**2
+        for segment in self.brief:
+            ends = [segment - 1, segment]
+            t = times[0, segment]
+            mean = acceleration[0, ends].mean(axis=0)
+            acceleration[0, ends] = mean
+            velocity[0, ends] = rows.cells.h[segment] / t + HALVES * mean * t
+        return JerkInequalities(rows.cells, rows.cells.linked(times, velocity, acceleration))
+
+    def _slack(self, rows: JerkInequalities, segment: int) -> Array:
+        """Return what the segments beside leave each joint, of what they reach."""
         beside = [segment - 1, segment + 1]
-        h = scaled.h[segment]
-        d = passed[segment]
-        t = rows.times[0, segment]
-        slack = rows.reach[:, 0, beside].min(axis=(0, 1)) / limits.gained[beside].min(axis=0)
-        moves = np.abs(h) > LEAST_MOVE * np.abs(h).max()
-        leader = int(np.where(moves, slack, np.inf).argmin())
-        bend = rows.point.acceleration[0, ends, leader].mean() * t**2 / 2
+        reach = rows.reach[:, 0, beside].min(axis=(0, 1))
+        return np.asarray(reach / self.limits.gained[beside].min(axis=0))
+
+    def _wished(self, rows: JerkInequalities, segment: int, leader: int) -> tuple[float, Array]:
+        """Return when the leader passes the waypoint, and with which acceleration all joints do."""
+        h, t, away = rows.cells.h[segment], rows.times[0, segment], self.away[segment]
+        bend = rows.point.acceleration[0, segment - 1 : segment + 1, leader].mean() * t**2 / 2
         # h s + a t² s (s − 1)/2 = d
-        share = d[leader] / h[leader]
+        share = away[leader] / h[leader]
         for _ in range(LEADER_STEPS):
-            share = (d[leader] - bend * share * (share - 1)) / h[leader]
-        wished = 2 * (d - h * share) / (t**2 * share * (share - 1))
-        follows = limits.jerky & (slack > LEAST_SLACK)
-        follows[leader] = False
+            share = (away[leader] - bend * share * (share - 1)) / h[leader]
+        return share, 2 * (away - h * share) / (t**2 * share * (share - 1))
+
+    def _led(self, rows: JerkInequalities, segment: int, leader: int, follows: Bools) -> _Bend:
+        """Return the program whose motion passes the waypoint when the leader does.
+
+        In the brief segment acceleration is constant. The joints that follow take the one with
+        which they pass the waypoint, where the segments beside allow it.
+        """
+        ends = [segment - 1, segment]
+        h, t = rows.cells.h[segment], rows.times[0, segment]
+        share, wished = self._wished(rows, segment, leader)
+        follows = follows & (np.arange(len(h)) != leader)
         velocity = rows.point.velocity.copy()
         acceleration = rows.point.acceleration.copy()
-        turned = h / t + np.array([[-0.5], [0.5]]) * wished * t
+        turned = h / t + HALVES * wished * t
         velocity[0, ends] = np.where(follows, turned, velocity[0, ends])
         acceleration[0, ends] = np.where(follows, wished, acceleration[0, ends])
         after = _moved(rows, velocity, acceleration)
         own = slice(segment - 1, segment + 2)
-        least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
-        fine = (after.reach >= least)[:, 0, own].all(axis=(0, 1))
+        least = np.minimum(rows.values, 0.0) - SETTLED_RTOL * self.limits.gained
+        fine = (after.values >= least)[:, 0, 0, own].all(axis=(0, 1))
         velocity = np.where(fine, velocity, rows.point.velocity)
         acceleration = np.where(fine, acceleration, rows.point.acceleration)
-        rows = _moved(rows, velocity, acceleration)
-    return rows
+        bends = (acceleration[0, ends].mean(axis=0) - wished) * t**2 / 2
+        bends[leader] = 0.0
+        missed = np.abs(bends * share * (share - 1)) / self.rounding
+        return _Bend(_moved(rows, velocity, acceleration), missed.max())
 
 
 def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, islice
 from typing import Any, Literal
 
@@ -25,7 +26,13 @@ from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
 from baselines.exact.method import brief_steps
-from baselines.exact.method.interior_point import begun, chosen, converged, descended
+from baselines.exact.method.interior_point import (
+    MAX_ITERATIONS,
+    begun,
+    chosen,
+    converged,
+    descended,
+)
 from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
@@ -45,6 +52,8 @@ MAX_STARTS_FACTOR = 3
 # least time with such stops.
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
+# Most steps of an initial guess in a bounded time.
+FEWER_ITERATIONS = 600
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
 
@@ -92,7 +101,8 @@ class ExactJerk(SeveralStarts):
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
             return boxes.best(self, problem, _solved_near)
-        return brief_steps.solved(problem, known, self._solved)
+        briefly = partial(self._solved, patient=False)
+        return brief_steps.solved(problem, known, self._solved, briefly)
 
     def _solved(
         self,
@@ -107,7 +117,8 @@ class ExactJerk(SeveralStarts):
             problem: Without waypoints to leave out.
             left_out: Positions of waypoints that were left out, see `Reachable`.
             passing: Further limits at the waypoints, in the form that `Scaled` takes.
-            patient: Whether more initial guesses are tried where all have failed.
+            patient: Whether a start may take `MAX_ITERATIONS`, and more initial guesses are tried
+                where all have failed.
         """
         # late: planners that are only listed need none of it
         from baselines.exact.jerk.motion import Reachable
@@ -122,13 +133,14 @@ class ExactJerk(SeveralStarts):
             return replace(solution, trajectory=motion)
         scaled = Reachable(problem, passing=passing)
         scaled.left_out = left_out
+        most = MAX_ITERATIONS if patient else FEWER_ITERATIONS
 
         def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:
             if self.solver == "ipopt":
                 from baselines.exact.jerk.by_ipopt import minimised
 
                 return minimised(scaled, [own.times for own in starts])
-            return _minimised(scaled, starts)
+            return _minimised(scaled, starts, most)
 
         if not problem.route.at_rest:
             beside = gaps.starts(scaled)
@@ -155,8 +167,10 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
         yield JerkStart(slower * scaled.stop, at_rest, at_rest)
 
 
-def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
-    """Return the local optimum that each initial guess leads to."""
+def _minimised(
+    scaled: Scaled, starts: Sequence[JerkStart], most: int = MAX_ITERATIONS
+) -> list[LocalOptimum]:
+    """Return the local optimum that each initial guess leads to, in so many steps at most."""
     near = bool(scaled.tolerance.any())
     cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
     begins: Any = NearInequalities if near else JerkInequalities
@@ -164,7 +178,7 @@ def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum
     # a start that diverges overflows; `converged` is then false
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
-        iterate = descended(begun(begins(cells, point)), converged)
+        iterate = descended(begun(begins(cells, point)), converged, most)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point
     numbers = np.arange(len(starts))

@@ -34,7 +34,9 @@ NEWTON_STEPS = 8
 Solve = Callable[[Problem, Array | None], Solution]
 
 
-def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
+def solved(
+    problem: Problem, known: Problem, solve: Solve, briefly: Solve | None = None
+) -> Solution:
     """Solve a problem, first without the waypoints that it may miss by rounding.
 
     Args:
@@ -43,6 +45,7 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
         solve: Solves a problem whose waypoints are all exact. Its second argument has one of the
             waypoints left out of each segment, rad, `(segments, joints)`, NaN where there is none;
             or it is None.
+        briefly: Likewise, in a bounded time: for waypoints that are put back. By default `solve`.
 
     Returns:
         The answer of the shortest certified duration. Its message says by how much that is above
@@ -55,12 +58,14 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
     worst = 0.0  # by how many roundings the relaxation's motion misses a waypoint
     least = np.inf
     best = None
+    attempt = solve
     for _ in range(MAX_ATTEMPTS):
         thinned = problem.at(~missing)
         # a joint may move past those steps alone
         middles = _middles(problem, missing)[:, thinned.moving]
-        solution = solve(RESTING_JOINTS.apply(thinned), middles)
+        solution = attempt(RESTING_JOINTS.apply(thinned), middles)
         solution = RESTING_JOINTS.invert(thinned, solution)
+        attempt = briefly or solve
         if solution.trajectory is None:
             break
         motion = _timed(problem, solution.trajectory, ~missing)
@@ -81,13 +86,14 @@ def solved(problem: Problem, known: Problem, solve: Solve) -> Solution:
             missing[own[missed[own].argmax()]] = False
     if best is not None and least <= relaxed * (1 + NEAR_RTOL):
         return best
-    whole = solve(problem, None)
-    if best is None or whole.trajectory is None:
-        return best or whole
-    duration = _certified(known, whole.trajectory)
-    if duration < least:
-        least = duration
-        best = whole
+    whole = attempt(problem, None)
+    if best is None:
+        return whole
+    if whole.trajectory is not None:
+        duration = _certified(known, whole.trajectory)
+        if duration < least:
+            least = duration
+            best = whole
     if not np.isfinite(least):
         said = "no motion found that keeps the limits and passes the tiny steps"
         return replace(best, status=Status.FAILED, message=said)

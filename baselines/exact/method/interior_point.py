@@ -211,9 +211,9 @@ def begun(rows: Inequalities) -> Iterate:
     return Iterate(state, state, length, gain, steps=0)
 
 
-def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
-    """Return the iterate at which every start has arrived or diverged."""
-    most = getattr(iterate.state.rows, "max_iterations", MAX_ITERATIONS)
+def descended(iterate: Iterate, arrived: Arrived, most: int = MAX_ITERATIONS) -> Iterate:
+    """Return the iterate at which every start has arrived or diverged, or after so many steps."""
+    most = min(most, getattr(iterate.state.rows, "max_iterations", most))
     while iterate.steps < most:
         if (arrived(iterate) | iterate.lost).all():
             break

@@ -104,3 +104,22 @@ def test_a_joint_that_moves_in_tiny_steps_alone_rests(stiffness):
     planner = Exact() if stiffness is None else ExactJerk()
     best = end_to_end_bound(problem)
     assert certified(planner, problem) == pytest.approx(best, rel=1e-6)
+
+
+@pytest.mark.parametrize(("seed", "spacing", "count"), [(79, 4.2e-6, 2), (99, 1.8e-9, 7)])
+def test_points_around_a_waypoint_of_an_arms_own_optimum(seed, spacing, count):
+    """Once 12 % and 5 % above: two joints have no slack there, or one turns there."""
+    rng = np.random.default_rng([41, seed])
+    joints, ways = (int(rng.integers(low, high)) for low, high in [(1, 6), (1, 4)])
+    waypoints = rng.uniform(-2, 2, (ways + 1, joints))
+    velocity = rng.uniform(0.5, 2, joints)
+    acceleration = velocity * rng.uniform(1, 10, joints)
+    limits = Limits(velocity, acceleration, jerk=acceleration * 10 ** rng.uniform(0, 2))
+    clear = Problem(waypoints, limits)
+    motion = certificate.certified(clear, ExactJerk().solve(clear).trajectory)
+    first = motion.waypoint_times[1]
+    steps = np.arange(-(count // 2), count - count // 2 + 1)
+    points = motion(first + spacing * motion.duration * steps)
+    points[steps == 0] = waypoints[1]
+    dense = Problem(np.concatenate([waypoints[:1], points, waypoints[2:]]), limits)
+    assert certified(ExactJerk(), dense) == pytest.approx(motion.duration, rel=1e-6)
