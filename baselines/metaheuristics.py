@@ -388,12 +388,12 @@ class Pymoo(Metaheuristic):
 def _pymoo_problem(counted: Counted) -> Any:
     base = import_module("pymoo.core.problem").Problem
 
-    class Box(base):  # type: ignore[misc, valid-type]
+    class CountedProblem(base):  # type: ignore[misc, valid-type]
         def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
             out["F"] = counted.many(x)[:, None]
 
     box = counted.fitness
-    return Box(n_var=box.variables, n_obj=1, xl=box.low, xu=box.high)
+    return CountedProblem(n_var=box.variables, n_obj=1, xl=box.low, xu=box.high)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ _INSTANTS = (0.25, 0.5, 0.75, 1.0)
 _OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 500}
 
 
-def random_problem(seed: int) -> Problem:
+def turning_problem(seed: int) -> Problem:
     """A random walk of two to four segments and one to four joints."""
     rng = np.random.default_rng(seed)
     segments, joints = int(rng.integers(2, 5)), int(rng.integers(1, 5))
@@ -101,7 +101,7 @@ def main(output: Path = Path("front-check"), problems: int = 10, quick: bool = F
     """
     rows = []
     for seed in range(2 if quick else problems):
-        problem = random_problem(seed)
+        problem = turning_problem(seed)
         known = incumbent(problem, 10.0)
         assert known is not None
         duration = FACTOR * known.duration

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import re
 from pathlib import Path
 
@@ -55,3 +56,32 @@ def test_a_page_about_the_code_names_places_that_exist(page):
     places = PLACE.findall(page.read_text(encoding="utf-8"))
     assert len(places) >= 15
     assert [place for place in places if not exists(ROOT / place)] == []
+
+
+PACKAGES = ("trajopt", "baselines", "experiments")
+VERBS = ("compare", "judge", "plan", "verify")  # public functions of the package
+
+
+def definitions(kind: type[ast.AST]) -> list[tuple[str, str]]:
+    """Names of all classes or functions of the packages, each with its file."""
+    found = []
+    for file in sorted(itertools.chain(*((ROOT / own).rglob("*.py") for own in PACKAGES))):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        place = file.relative_to(ROOT).as_posix()
+        found += [(node.name, place) for node in ast.walk(tree) if isinstance(node, kind)]
+    return found
+
+
+def test_a_name_is_of_one_class():
+    places: dict[str, list[str]] = {}
+    for name, place in definitions(ast.ClassDef):
+        places.setdefault(name, []).append(place)
+    assert len(places) > 200
+    assert {name: own for name, own in places.items() if len(own) > 1} == {}
+
+
+def test_a_public_verb_is_one_function():
+    """The command of this name beside it calls it."""
+    found = definitions(ast.FunctionDef)
+    places = [(name, own) for name, own in found if name in VERBS and "/cli/" not in own]
+    assert sorted(name for name, _ in places) == sorted(VERBS), places

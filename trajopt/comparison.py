@@ -23,7 +23,7 @@ from pathlib import Path
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.progress import Progress, Report, reporter
-from trajopt.benchmark.run.tasks import Allowance, missing, plan
+from trajopt.benchmark.run.tasks import Allowance, missing, tasks_of
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, now
@@ -105,7 +105,7 @@ def compare(
     def ask(contestant: Contestant) -> Profile:
         return runner.profiled(contestant, loaded, allowed)
 
-    tasks = plan(loaded, [ask(planner) for planner in planners], seeds, ask)
+    tasks = tasks_of(loaded, [ask(planner) for planner in planners], seeds, ask)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
     seen = store.seen()
     stored = seen.trials.values()

@@ -24,7 +24,7 @@ from trajopt import (
 )
 from trajopt import comparison as run
 from trajopt.benchmark.run.runner import profiled
-from trajopt.benchmark.run.tasks import Allowance, plan
+from trajopt.benchmark.run.tasks import Allowance, tasks_of
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.planner import Planner
@@ -379,7 +379,7 @@ def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
     assert sorted(t.planner for t in results.items) == ["exact", "mine"]
     assert results.references()["kind"].tolist() == ["exact"]
     twice = [profiled(pair, [PROBLEM], Allowance()) for pair in FAST * 2]
-    assert [t.profile.entrant.name for t in plan([PROBLEM], twice, 5, pytest.fail)] == ["exact"]
+    assert [t.profile.entrant.name for t in tasks_of([PROBLEM], twice, 5, pytest.fail)] == ["exact"]
 
 
 def test_progress_counts_every_trial_once(tmp_path):

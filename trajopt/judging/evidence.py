@@ -94,7 +94,7 @@ class Conviction:
 
 
 @dataclass(frozen=True, eq=False)
-class Slower:
+class SlowerLog:
     """A slower motion through the samples of a broken log, with their times dilated.
 
     Attributes:
@@ -137,7 +137,7 @@ class Evidence:
     noise: float
     window: float
     by_positions: Verdict | None = None
-    slower: Slower | None = None
+    slower: SlowerLog | None = None
     misfit: Conviction | None = None
 
     @property
@@ -307,7 +307,7 @@ def _slower(
     lows: Sequence[TubeAnswer],
     singles: Sequence[dict[str, float]],
     at_rest: bool,
-) -> Slower | None:
+) -> SlowerLog | None:
     """Return the least dilation found with which a motion through the samples keeps the limits.
 
     Joints are tested in the order of their use; the one that needs the largest dilation decides.
@@ -349,7 +349,7 @@ def _slower(
     motion = joined(
         [own.stretched(factor).found(at_rest) for own in joints], joints[0].times[[0, -1]]
     )
-    return None if motion is None else Slower(at_least, factor, motion.dilated(factor))
+    return None if motion is None else SlowerLog(at_least, factor, motion.dilated(factor))
 
 
 def _told(

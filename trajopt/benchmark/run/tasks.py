@@ -100,7 +100,7 @@ class Task:
 Asking = Callable[[str], Profile]
 
 
-def plan(
+def tasks_of(
     problems: Sequence[Problem], profiles: Sequence[Profile], seeds: int, ask: Asking
 ) -> list[Task]:
     """Return a task per problem and planner with all its seeds; identical tasks once.
