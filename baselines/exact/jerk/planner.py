@@ -102,7 +102,8 @@ class ExactJerk(SeveralStarts):
         if "tolerance" in problem.demands:
             return boxes.best(self, problem, _solved_near)
         briefly = partial(self._solved, patient=False)
-        return brief_steps.solved(problem, known, self._solved, briefly)
+        stopping = _stopping if problem.route.at_rest else None
+        return brief_steps.solved(problem, known, self._solved, briefly, stopping)
 
     def _solved(
         self,
@@ -154,6 +155,16 @@ def _solved_near(
     problem: Problem, passing: Array | None, planner: ExactJerk, patient: bool
 ) -> Solution:
     return planner._solved(problem, None, passing, patient)
+
+
+def _stopping(problem: Problem, _: Array | None) -> Solution:
+    """Return a motion that rests at every waypoint."""
+    from baselines.exact.jerk.motion import Reachable
+
+    scaled = Reachable(problem)
+    start = next(_starts(scaled))
+    states = JerkTables(scaled).linked(*(own[None] for own in start))
+    return Solution(Status.SOLVED, scaled.trajectory(start.times, states))
 
 
 def _starts(scaled: Scaled) -> Iterator[JerkStart]:

@@ -35,7 +35,11 @@ Solve = Callable[[Problem, Array | None], Solution]
 
 
 def solved(
-    problem: Problem, known: Problem, solve: Solve, briefly: Solve | None = None
+    problem: Problem,
+    known: Problem,
+    solve: Solve,
+    briefly: Solve | None = None,
+    stopping: Solve | None = None,
 ) -> Solution:
     """Solve a problem, first without the waypoints that it may miss by rounding.
 
@@ -46,6 +50,7 @@ def solved(
             waypoints left out of each segment, rad, `(segments, joints)`, NaN where there is none;
             or it is None.
         briefly: Likewise, in a bounded time: for waypoints that are put back. By default `solve`.
+        stopping: Likewise, at rest at every waypoint, for where nothing else is certified in less.
 
     Returns:
         The answer of the shortest certified duration. Its message says by how much that is above
@@ -86,18 +91,19 @@ def solved(
             missing[own[missed[own].argmax()]] = False
     if best is not None and least <= relaxed * (1 + NEAR_RTOL):
         return best
-    whole = attempt(problem, None)
-    if best is None:
-        return whole
-    if whole.trajectory is not None:
-        duration = _certified(known, whole.trajectory)
-        if duration < least:
+    for other in filter(None, (attempt, stopping)):
+        whole = other(problem, None)
+        duration = np.inf
+        if whole.trajectory is not None:
+            duration = _certified(known, whole.trajectory)
+        if best is None or duration < least:
             least = duration
             best = whole
-    if not np.isfinite(least):
+    assert best is not None
+    if best.trajectory is not None and not np.isfinite(least):
         said = "no motion found that keeps the limits and passes the tiny steps"
         return replace(best, status=Status.FAILED, message=said)
-    if least <= relaxed * (1 + NEAR_RTOL):
+    if not least > relaxed * (1 + NEAR_RTOL):
         return best
     above = 100 * (least / relaxed - 1)
     said = f"{above:.2g} % above {relaxed:.6g} s, the best known without its tiny steps"

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
+from baselines.exact.jerk import planner as jerk
+from baselines.exact.method import brief_steps
+from baselines.exact.method.interior_point import descended
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared
+from trajopt.core.solution import Solution, Status
 from trajopt.judging import verification as certificate
 from trajopt.judging.verification import verify
-from trajopt.planners.rest_to_rest import end_to_end_bound
+from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 SCALES = np.array([1.0, 0.7, -0.4])  # of the joints
 
@@ -106,9 +112,8 @@ def test_a_joint_that_moves_in_tiny_steps_alone_rests(stiffness):
     assert certified(planner, problem) == pytest.approx(best, rel=1e-6)
 
 
-@pytest.mark.parametrize(("seed", "spacing", "count"), [(79, 4.2e-6, 2), (99, 1.8e-9, 7)])
-def test_points_around_a_waypoint_of_an_arms_own_optimum(seed, spacing, count):
-    """Once 12 % and 5 % above: two joints have no slack there, or one turns there."""
+def around_a_waypoint(seed, spacing, count):
+    """An arm's optimal duration, and the problem with points of its motion around a waypoint."""
     rng = np.random.default_rng([41, seed])
     joints, ways = (int(rng.integers(low, high)) for low, high in [(1, 6), (1, 4)])
     waypoints = rng.uniform(-2, 2, (ways + 1, joints))
@@ -117,9 +122,59 @@ def test_points_around_a_waypoint_of_an_arms_own_optimum(seed, spacing, count):
     limits = Limits(velocity, acceleration, jerk=acceleration * 10 ** rng.uniform(0, 2))
     clear = Problem(waypoints, limits)
     motion = certificate.certified(clear, ExactJerk().solve(clear).trajectory)
-    first = motion.waypoint_times[1]
     steps = np.arange(-(count // 2), count - count // 2 + 1)
-    points = motion(first + spacing * motion.duration * steps)
+    points = motion(motion.waypoint_times[1] + spacing * motion.duration * steps)
     points[steps == 0] = waypoints[1]
     dense = Problem(np.concatenate([waypoints[:1], points, waypoints[2:]]), limits)
-    assert certified(ExactJerk(), dense) == pytest.approx(motion.duration, rel=1e-6)
+    return motion.duration, dense
+
+
+@pytest.mark.parametrize(
+    ("seed", "spacing", "count"), [(79, 4.2e-6, 2), (99, 1.8e-9, 7), (1, 1.78e-8, 2)]
+)
+def test_points_around_a_waypoint_of_an_arms_own_optimum(seed, spacing, count):
+    """Once 12 %, 5 % and 139 times above: joints have no slack there, or turn there."""
+    best, dense = around_a_waypoint(seed, spacing, count)
+    assert certified(ExactJerk(), dense) == pytest.approx(best, rel=1e-6)
+
+
+def test_what_stays_beyond_takes_a_bounded_time(monkeypatch):
+    """So many Newton steps at most, and no longer than a motion that rests at every waypoint."""
+    steps = []
+
+    def counted(*arguments):
+        found = descended(*arguments)
+        steps.append(found.steps)
+        return found
+
+    monkeypatch.setattr(jerk, "descended", counted)
+    _, dense = around_a_waypoint(5, 1.78e-7, 2)
+    steps.clear()
+    answer = ExactJerk(starts=1).solve(dense)
+    assert sum(steps[1:]) <= brief_steps.MAX_ATTEMPTS * jerk.FEWER_ITERATIONS
+    assert verify(dense, answer.trajectory).certified_duration <= 1.05 * stop_times(dense).sum()
+
+
+def test_the_answer_says_by_how_much_it_is_above_and_why():
+    """One joint's waypoint is 5 roundings beside a line: the line misses it by half of that."""
+    line = np.array([0.0, 0.5, 0.5 + 1e-6, 0.5 + 2e-6, 1.0])
+    points = np.stack([line, line], axis=1)
+    problem = Problem(points, Limits([2.0, 2.0], [1.0, 1.0], jerk=[1.0, 1.0]))
+    points[2, 1] += 5 * problem.rounding[1]
+    problem = replace(problem, waypoints=points)
+    straight = ExactJerk().solve(Problem(points[[0, -1]], problem.limits)).trajectory
+    halfway = straight.duration / 2
+
+    def known_only_straight(own, _):
+        if len(own.waypoints) == 5:
+            return Solution(Status.FAILED, message="")
+        times = np.array([0.0, halfway, halfway + 2e-6 / straight(halfway, 1)[0], 2 * halfway])
+        return Solution(Status.SOLVED, replace(straight, waypoint_times=times))
+
+    answer = brief_steps.solved(problem, problem, known_only_straight, None, jerk._stopping)
+    best = end_to_end_bound(problem)
+    above = 100 * (1.05 * stop_times(problem).sum() / best - 1)
+    assert answer.message == (
+        f"{above:.2g} % above {best:.6g} s, the best known without its tiny steps: "
+        "that motion misses a waypoint by 2.5 times what rounding allows"
+    )
