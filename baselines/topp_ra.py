@@ -9,7 +9,7 @@ far end).
 Between gridpoints the path acceleration is constant. So `s(t)` is quadratic, and the answer is a
 piecewise polynomial of twice the path's degree, composed exactly.
 
-Where the motion begins or ends with a velocity, the path begins or ends along it.
+Where the motion begins or ends with a velocity, the path begins or ends in its direction.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ _KNOT_STEP = 0.3
 _FREE_SPEED = 1e2
 # Rounding of a path speed at the start, relative.
 _SPEED_RTOL = 1e-7
-# A path leaves along a velocity if it differs by less, relative.
+# A path's direction at an end is that of the velocity if they differ by less, relative.
 _PARALLEL_RTOL = 1e-6
-# Tried lengths of the path's tangent where the motion begins or ends with a velocity, relative to
-# the segment's mean, until so many of them can be followed.
+# Where the motion begins or ends with a velocity: lengths of the path's tangent that are tried in
+# turn, relative to the segment's mean, until this many of the paths can be followed.
 _TANGENTS = tuple(2.0 ** np.arange(-1, 7))
 _FOLLOWED = 2
 
@@ -79,7 +79,8 @@ class ToppRa(Planner):
       knots of the best one.
 
     `"best"` tries all rules and keeps the shortest certified duration. With a velocity at an end
-    the spline's tangent there is along it, in several lengths, in place of that end's rule.
+    the spline's tangent there has its direction, and several lengths are tried, instead of that
+    end's rule.
     """
 
     knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
@@ -122,7 +123,8 @@ class ToppRa(Planner):
     def _timed(self, problem: Problem, knot_rule: Knots, end_rule: Ends) -> dict[str, Solution]:
         """Return the timing of a rule's spline; with velocities at the ends, for several tangents.
 
-        They grow until the path can be followed: a longer tangent bends less.
+        Longer and longer tangents are tried until two of the paths can be followed: along a longer
+        one the path bends less.
         """
         name = f"{knot_rule}/{end_rule}"
         if problem.route.at_rest:
@@ -203,7 +205,7 @@ def spline(problem: Problem, knots: Knots | Array, ends: Ends, tangent: float = 
     `knots` is a rule, or the growth of the parameter in each segment, `(segments,)`. No two
     consecutive waypoints may be identical. The spline's "time" is the path parameter. Not-a-knot
     is a parabola with three waypoints, a line with two. Where the motion begins or ends with a
-    velocity, the path's derivative is along it, `tangent` times as long as the segment's mean.
+    velocity, the path's derivative has its direction, and is `tangent` times the segment's mean.
     """
     import scipy  # late: planners that are only listed need none of it
 
@@ -231,8 +233,8 @@ def along(
     A 3-5-3 spline leaves and reaches rest along a line `q0 + d s^m`, `m ≥ 3`. The fastest path
     speed there is infinite, so the line itself becomes the path, from path speed 0.
 
-    Where the problem's motion begins or ends with a velocity, the path must leave along it: its
-    speed is fixed there.
+    Where the problem's motion begins or ends with a velocity, the path must have its direction
+    there, and the path speed is fixed.
 
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
     the whole. The limits hold at the gridpoints only: verify the answer. A path that cannot be
@@ -256,9 +258,9 @@ def along(
 
 
 def _end_speeds(problem: Problem, path: Trajectory) -> list[float] | str:
-    """Return the path's speed at both ends, or why the motion cannot begin or end along it.
+    """Return the path speed at both ends; or a message, if the path has another direction there.
 
-    The speed is a rate of the path's parameter; NaN where the motion rests.
+    NaN where the motion rests.
     """
     speeds = []
     states = {"start": problem.route.start, "end": problem.route.end}
@@ -311,7 +313,7 @@ def _along(
         gridpoints: About how many steps.
         scale: About the dilation that the path's own timing needs.
         wider: Factor on the limits.
-        speeds: Of the path at both ends (`_end_speeds`).
+        speeds: Path speeds at both ends (`_end_speeds`).
     """
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
@@ -342,9 +344,9 @@ def _along(
 def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
     """Return the solution of the shortest certified duration, with all results in `stats`.
 
-    A single solution is returned without being verified here. Where velocities at the ends are
-    asked, verification may take long: there a motion that claims more than the shortest certified
-    one is not verified, and its result is what it claims, s.
+    A single solution is returned without being verified here. With given velocities at the
+    ends verification may take long: then a motion whose claim is above the shortest certified
+    duration is not verified, and its result is its claim, s.
     """
     if len(solutions) == 1:
         ((rule, only),) = solutions.items()

@@ -56,7 +56,7 @@ _AGREEMENT_SHARE = 0.1
 _MORE_REFINEMENTS = 2
 # Factor on the number of starts if all have failed.
 _MORE_STARTS = 4
-# Least time of a segment in such a start, in mean stop times; within tolerance it may be 0.
+# Least time of a segment in an initial guess, in mean stop times; within tolerance it may be 0.
 _BRIEFEST = 1e-6
 # Least duration of the slower initial guess, relative to the optimum without limits of position.
 _SLOWER = 1.3

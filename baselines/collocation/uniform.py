@@ -38,7 +38,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.reductions import SIMPLEST, reduced
 
-# Every kind of limit and every demand but waits, which part the way.
+# Every kind of limit, and every demand but waits: at these the route is split first.
 KNOWN = (
     *(*LIMIT_NAMES, FallingVelocity.key, "segment"),
     *(key for key, demand in DEMANDS.items() if not demand.splits),
@@ -98,8 +98,9 @@ class Collocation(Planner):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return a local optimum from a straight-line start that stops at every waypoint.
 
-        With velocities at the ends, the shortest one of this start and of one in every interval of
-        time in which a joint passes the waypoints beside the ends (`baselines.exact`).
+        With velocities at the ends the possible times of the first and the last segment have gaps.
+        Then it is the shortest local optimum of this initial guess and of one in every interval
+        between gaps (`baselines.exact.acceleration.gaps`).
         """
         intervals = self.intervals * cells(problem)
         announce("collocation", problem, _SECONDS_PER_INTERVAL * intervals)
@@ -232,7 +233,7 @@ class CollocationGrid:
         return self.cubics(times, np.zeros_like(self.waypoints[self.free]))
 
     def starts(self) -> Iterator[Nodes]:
-        """Yield `stopping`, and with velocities at the ends a start beside every gap in time."""
+        """Yield `stopping`, and with velocities at the ends one in every interval between gaps."""
         yield self.stopping()
         if self.problem.route.at_rest:
             return

@@ -1,8 +1,8 @@
 """Drake's `GcsTrajectoryOptimization`: Bézier curves through a sequence of convex sets (`drake`).
 
 Planners of this kind (graphs of convex sets, Marcucci and others 2023) find a motion that passes
-through sets one after another. Here the order is known: each segment is a region or several, and
-the edge from one segment to the next lies in the waypoint, or in its box of tolerance.
+through sets one after another. Here the order is known: each segment consists of one or more
+regions, and the motion enters the next segment in the waypoint, or in its box of tolerance.
 
 The program's curve over a region is a Bézier curve of free duration. Velocity limits are linear.
 Limits of acceleration and jerk, and continuous velocities, are not convex: Drake keeps them in its
@@ -38,9 +38,10 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
 from trajopt.planners.reductions import OWN_UNITS, reduced
 
-# Without position limits a region ends so far from the waypoints, in largest displacements.
+# Without position limits a region extends this far beyond the waypoints, relative to the largest
+# displacement.
 _AROUND = 1.0
-# Shortest and longest duration of a region, in times of stopping at every waypoint.
+# Shortest and longest duration of a region, relative to the time of stopping at every waypoint.
 _SHORTEST = 1e-6
 _LONGEST = 2.0
 

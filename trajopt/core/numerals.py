@@ -24,7 +24,7 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?0*[0-9]{1,3})
 
 
 def parsed(text: str) -> int | float | None:
-    """A whole or decimal number; None for any other text, and for one of over 400 characters."""
+    """Return a whole or decimal number; None for other text, or one of over 400 characters."""
     if len(text) > MAX_LENGTH:
         return None
     if _WHOLE.fullmatch(text):
@@ -36,7 +36,7 @@ def parsed(text: str) -> int | float | None:
 
 
 def whole(text: str) -> int:
-    """A whole number in decimal digits.
+    """Return a whole number that is written in decimal digits.
 
     Raises:
         ValueError: It is written in another way, 1e3 or 1.0 too, or in over 400 characters.
@@ -48,7 +48,7 @@ def whole(text: str) -> int:
 
 
 def decimal(text: str) -> float:
-    """A finite decimal number, perhaps with an exponent.
+    """Return a finite decimal number, perhaps with an exponent.
 
     Raises:
         ValueError: It is written in another way, in over 400 characters, or too large for a float.
@@ -60,7 +60,7 @@ def decimal(text: str) -> float:
 
 
 def exact(text: str) -> Decimal:
-    """A finite decimal number with all its digits; raises `ValueError` as `decimal` does."""
+    """Return a finite decimal number with all its digits; raises `ValueError` as `decimal` does."""
     decimal(text)
     return Decimal(text)
 

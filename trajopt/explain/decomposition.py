@@ -237,7 +237,7 @@ def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
 
 
 def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
-    """The planner's timing of the trajectory's path, part by part where it waits in between."""
+    """Return the planner's timing of the trajectory's path, part by part if it waits in between."""
     if not planner.splits(problem):
         return planner.along(problem, own)
     cut = dwell.cut(problem, own) or []

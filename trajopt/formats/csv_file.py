@@ -172,7 +172,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    """The cells of a line; without a separator they are the words."""
+    """Return the cells of a line; without a separator they are the words."""
     row = line.split(separator)
     if separator is not None and '"' in line:
         (row,) = csv.reader([line], delimiter=separator)
