@@ -363,8 +363,10 @@ def as_executed(
 ) -> Execution:
     """Judge a motion, as a controller runs it, by limits alone.
 
-    The robot must rest before and after, unless `ends` says otherwise. `UnitWarning` warns of a
-    joint whose motion or limits seem to be in degrees.
+    The robot must rest before and after, unless `ends` says otherwise. A log that was cut has the
+    ends of the motion within its digits: this motion is verified between its own end states, or if
+    it cannot be, for its peaks alone. `UnitWarning` warns of a joint whose motion or limits seem to
+    be in degrees.
 
     Args:
         motion: The motion as executed.
@@ -409,9 +411,27 @@ def as_executed(
     motion.check_units(problem)
     _warn_of_units(problem, motion.trajectory(times))
     unjudged = () if accelerations else ("acceleration",)
+    if not at_rest and not ends:
+        moving = replace(problem, demands=_own_ends(own, limits))
+        certificate = verify(moving, own, unjudged=unjudged)
+        if certificate.valid:
+            found = Execution(motion, moving, certificate, evidence=told)
+            return replace(found, evidence=_confirmed(found, valid=True))
     certificate = verify(problem, own, unjudged=unjudged, at_rest=at_rest)
     found = Execution(motion, problem, certificate, evidence=told)
     return replace(found, evidence=_confirmed(found, valid=certificate.valid))
+
+
+def _own_ends(motion: Trajectory, limits: Limits) -> dict[str, Array]:
+    """Return the states at a motion's ends, within the limits; accelerations where jerk counts."""
+    bounds = {"velocity": limits.velocity}
+    if np.isfinite(limits.jerk).any():
+        bounds["acceleration"] = limits.acceleration
+    return {
+        f"{end}_{rate}": np.clip(motion(time, order), *pairs.T)
+        for end, time in (("start", 0.0), ("end", motion.duration))
+        for order, (rate, pairs) in enumerate(bounds.items(), start=1)
+    }
 
 
 def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:

@@ -107,10 +107,10 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
         if found.log.velocities is not None:
             yield "The velocities are left out: their noise is not known."
     if found.motion is not None and not found.at_rest:
-        yield (
-            "The log is cut: no motion within it rests at both ends. Its exact peaks were judged, "
-            "without repair."
-        )
+        judged = "Its exact peaks were judged, without repair."
+        if not execution.problem.route.at_rest:
+            judged = "Its motion was verified between the velocities that it has there."
+        yield f"The log is cut: no motion within it rests at both ends. {judged}"
     if execution.motion.interpolation in ("cubic", "quintic"):
         kind = execution.motion.interpolation
         yield f"--interpolation {kind} judges the file as a controller executes it."
