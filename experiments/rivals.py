@@ -65,14 +65,18 @@ def main(
 
     Args:
         problem: Names of problems; all 44 if none is given.
-        rival: Planners; all if none is given.
+        rival: Planners, or rows such as "gcs, documented"; all if none is given.
         output: The folder.
         quick: The problem six-axis alone.
     """
     if quick:
         problem = ("six-axis",)
     chosen = [(group, own) for group, own in problems() if not problem or own.name in problem]
-    run = {row: spec for row, spec in RIVALS.items() if not rival or row.split(",")[0] in rival}
+    run = {
+        row: spec
+        for row, spec in RIVALS.items()
+        if not rival or not {row, row.split(",")[0]}.isdisjoint(rival)
+    }
     trials = compared(chosen, run.items(), output)
     table = spread(trials, ["planner"])
     rows = [row for row in RIVALS if row in table.index]
