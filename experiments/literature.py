@@ -1,6 +1,6 @@
 """How do published running times compare with the optimum? The page docs/literature.md.
 
-    python -m experiments.literature                  # 23 problems, a few minutes
+    python -m experiments.literature                  # 30 problems, a few minutes
     python -m experiments.literature --output docs    # the repository's own page
     python -m experiments.literature fang2020-task1   # some problems
 

@@ -29,7 +29,7 @@ from trajopt.core.problem import Problem
 from trajopt.explain.verdicts import Claim
 
 # Raise it whenever a file changes, or one is added.
-VERSION = 1
+VERSION = 2
 
 _SECONDS = {"s": Decimal(1), "ms": Decimal("1e-3")}
 _JERK_UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
