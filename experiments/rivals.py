@@ -3,6 +3,7 @@
     python -m experiments.rivals            # 44 problems, half an hour of CPU
     python -m experiments.rivals --quick    # six-axis alone
     python -m experiments.rivals --rival gcs
+    python -m experiments.rivals --tolerance    # 42 problems whose waypoints have a tolerance
 
 Every rival runs twice on the six-axis problem, `jerk-limit` and the 42 problems of eleven arms: as
 in its authors' example (one try), and with the same effort for all, the best of twelve settings
@@ -41,6 +42,8 @@ RIVALS = {
     "ruckig-search, documented": "ruckig-stop",
     "ruckig-search, effort": "ruckig-search",
 }
+# Those that plan within a tolerance.
+WITHIN = {"gcs, four tries": "gcs:tries=4", "collocation": "collocation"}
 GROUPS = ("six-axis", "jerk-limit", "4 waypoints", "8 waypoints", "16 waypoints", "jerk limits")
 
 
@@ -55,11 +58,19 @@ def problems() -> Iterator[tuple[str, Problem]]:
         yield group, problem
 
 
+def within_tolerance() -> Iterator[tuple[str, Problem]]:
+    """Every problem of the suite `demands` with a tolerance, with its group."""
+    for problem in catalogue.problems("demands"):
+        if "tolerance" in problem.demands:
+            yield "jerk limits" if problem.has("jerk") else "no jerk limits", problem
+
+
 def main(
     *problem: str,
     rival: Sequence[str] = (),
     output: Path = Path("results/rivals"),
     quick: bool = False,
+    tolerance: bool = False,
 ) -> None:
     """Run what is missing, then write and print the table.
 
@@ -68,19 +79,22 @@ def main(
         rival: Planners, or rows such as "gcs, documented"; all if none is given.
         output: The folder.
         quick: The problem six-axis alone.
+        tolerance: Problems whose waypoints have a tolerance, and planners that know it.
     """
     if quick:
         problem = ("six-axis",)
-    chosen = [(group, own) for group, own in problems() if not problem or own.name in problem]
+    known = within_tolerance() if tolerance else problems()
+    chosen = [(group, own) for group, own in known if not problem or own.name in problem]
+    rivals = WITHIN if tolerance else RIVALS
     run = {
         row: spec
-        for row, spec in RIVALS.items()
+        for row, spec in rivals.items()
         if not rival or not {row, row.split(",")[0]}.isdisjoint(rival)
     }
     trials = compared(chosen, run.items(), output)
     table = spread(trials, ["planner"])
-    rows = [row for row in RIVALS if row in table.index]
-    groups = [group for group in GROUPS if group in table]
+    rows = [row for row in rivals if row in table.index]
+    groups = [group for group in ("no jerk limits", *GROUPS) if group in table]
     shown = table.loc[rows, groups].fillna("–")
     save_table(shown, output / "rivals")
     print(shown.to_string())
