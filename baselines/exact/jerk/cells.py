@@ -15,7 +15,7 @@ change linearly. The velocities then change nearly linearly too. Along a step th
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -213,9 +213,20 @@ class JerkInequalities:
 
         1/T changes linearly with the length.
         """
+        return JerkInequalities(self.cells, self._stepped(step, length))
+
+    def _stepped(self, step: Any, length: Array) -> Any:
+        """Return the point after a step, at which the velocities of the ends are as given."""
         point = moved(self.point, step, length)
-        shorter = np.log1p(-length[:, None] * step.log)
-        return JerkInequalities(self.cells, point._replace(log=self.point.log - shorter))
+        point = point._replace(log=self.point.log - np.log1p(-length[:, None] * step.log))
+        if not self.cells.given:
+            return point
+        ends = np.array(point.ends)
+        for end, segment in ((0, 0), (1, -1)):
+            t = np.exp(point.log[:, [segment]])
+            velocity = self.cells.scaled.end_v[end]
+            ends[end, :, segment] = (velocity - self.cells.h[segment] / t) / t
+        return point._replace(ends=ends)
 
     def follows(self, before: JerkInequalities) -> Bools:
         """Return where slacks keep their least share and states are reachable, `(starts,)`."""

@@ -21,7 +21,7 @@ from baselines.exact.jerk.cells import (
 )
 from baselines.exact.jerk.profiles import ACCELERATIONS, TIME, VELOCITIES, Slopes
 from baselines.exact.method.chain import at_ends
-from baselines.exact.method.interior_point import chosen, moved
+from baselines.exact.method.interior_point import chosen
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
@@ -91,9 +91,7 @@ class NearInequalities(JerkInequalities):
         return NearLinearisation(self, multipliers, weights)
 
     def after(self, step: Any, length: Array) -> NearInequalities:
-        point = moved(self.point, step, length)
-        shorter = np.log1p(-length[:, None] * step.log)
-        return NearInequalities(self.cells, point._replace(log=self.point.log - shorter))
+        return NearInequalities(self.cells, self._stepped(step, length))
 
     def of(self, some: Bools) -> NearInequalities:
         return NearInequalities(self.cells, chosen(self.point, some))

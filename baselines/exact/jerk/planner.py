@@ -13,7 +13,7 @@ made for this program solves it (`exact.method.interior_point`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
-from baselines.exact.jerk import gaps, one_sided
+from baselines.exact.jerk import even_pieces, gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
@@ -124,16 +124,10 @@ class ExactJerk(SeveralStarts):
         # late: planners that are only listed need none of it
         from baselines.exact.jerk.motion import Reachable
 
-        inside = gaps.off_limits(problem)
-        if inside is not problem:
-            solution = self._solved(inside, left_out, passing, patient)
-            motion = solution.trajectory and gaps.brought_back(problem, solution.trajectory)
-            if solution.trajectory is not None and motion is None:
-                message = "no motion was found that begins or ends at a limit"
-                return Solution(Status.FAILED, message=message, stats=solution.stats)
-            return replace(solution, trajectory=motion)
         scaled = Reachable(problem, passing=passing)
         scaled.left_out = left_out
+        if not problem.route.at_rest:
+            gaps.spare(scaled)
         most = MAX_ITERATIONS if patient else FEWER_ITERATIONS
 
         def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:
@@ -144,7 +138,7 @@ class ExactJerk(SeveralStarts):
             return _minimised(scaled, starts, most)
 
         if not problem.route.at_rest:
-            beside = gaps.starts(scaled)
+            beside = [*gaps.starts(scaled), *even_pieces.starts(scaled)]
             every = chain(beside, gaps.more_starts(scaled) if patient else ())
             return self.best_of(scaled, solve, every, apart=len(beside))
         starts = islice(_starts(scaled), (MAX_STARTS_FACTOR if patient else 1) * self.starts)

@@ -18,7 +18,7 @@ from trajopt.planners.rest_to_rest import stop_times
 BRIEF_PIECE_S = 1e-6
 # Added to the stop time of a first or last segment that begins or ends in motion, in times of
 # braking: the joints may have to stop, to come back, and to speed up again.
-_RETURNS = 3.0
+RETURNS = 3.0
 
 
 class Scaled:
@@ -64,8 +64,8 @@ class Scaled:
         end_v, end_a = np.stack([route.start, route.end], axis=1)
         if not route.at_rest:
             slowest = np.abs(acceleration).min(axis=0).reshape(-1, len(end_v[0])).min(axis=0)
-            stop[0] += (_RETURNS * np.abs(end_v[0]) / slowest).max()
-            stop[-1] += (_RETURNS * np.abs(end_v[1]) / slowest).max()
+            stop[0] += (RETURNS * np.abs(end_v[0]) / slowest).max()
+            stop[-1] += (RETURNS * np.abs(end_v[1]) / slowest).max()
         unit = float(stop.mean())
         # the acceleration that is reached: at its limit, or as far as jerk allows
         reached = np.minimum(np.abs(acceleration), jerks * unit).min(axis=(0, 1))

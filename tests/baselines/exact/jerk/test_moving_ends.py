@@ -56,7 +56,7 @@ def test_two_waypoints_are_ruckigs(seed):
 
 @pytest.mark.parametrize(("seed", "joint"), [(5, 0), (7, 1)])
 def test_a_start_at_its_velocity_limit(seed, joint):
-    """Nothing lies inside the limits there: the motion is brought back to the state asked."""
+    """The first velocity is at its limit exactly, and stays there to the last bit."""
     given = drawn(seed, jerk=True)
     velocity, acceleration = np.array([given.start_velocity, given.start_acceleration])
     velocity[joint], acceleration[joint] = given.limits.velocity[joint, 1], 0.0
@@ -64,7 +64,7 @@ def test_a_start_at_its_velocity_limit(seed, joint):
     problem = Problem(given.waypoints, given.limits, demands=ends)
     motion = solved(problem)
     assert motion(0.0, 1) == pytest.approx(velocity, abs=1e-14)
-    assert -1e-9 < motion.duration / optimum(problem).duration - 1 < 1e-5
+    assert motion.duration == pytest.approx(optimum(problem).duration, rel=1e-8)
 
 
 @pytest.mark.parametrize("seed", [3, 7])
@@ -95,11 +95,20 @@ def test_impossible_accelerations_are_infeasible():
     assert "under its jerk limit to 2.25 rad/s at least" in solution.message
 
 
-def test_an_answer_that_nothing_certifies_is_not_called_solved():
-    """Its first two steps are tiny; no motion through them is found."""
-    solution = ExactJerk().solve(trajopt.problem("moving-random-33"))
-    assert solution.status is Status.FAILED
-    assert solution.message == "no motion found that keeps the limits and passes the tiny steps"
+def test_three_waypoints_are_passed_before_the_joint_can_stop():
+    """`prove --within 1e-7` stands there, at half of what passing one a second time takes."""
+    problem = Problem(
+        [[0.0], [0.067], [0.1399], [0.198], [0.3481]],
+        Limits([1.0254], [3.1775], [25.4355]),
+        start_velocity=[0.8846],
+        start_acceleration=[1.4112],
+    )
+    assert solved(problem).duration == pytest.approx(0.5690227, rel=1e-6)
+
+
+def test_tiny_steps_beside_an_end_are_passed():
+    """Of five steps two are tiny: no start that begins on a grid converged there."""
+    assert solved(trajopt.problem("moving-random-33")).duration < 1.857
 
 
 def test_an_end_at_the_velocity_limit_may_still_accelerate():
