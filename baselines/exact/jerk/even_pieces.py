@@ -41,7 +41,7 @@ _SAME_RTOL = 1e-3
 _OPTIONS: Options = {"tol": 1e-6, "max_iter": 150, "mu_strategy": "adaptive"}
 
 
-class _Way(NamedTuple):
+class _Passage(NamedTuple):
     """Consecutive segments of a problem without units.
 
     Attributes:
@@ -61,7 +61,7 @@ class _Way(NamedTuple):
     ends: Array
 
     @classmethod
-    def of(cls, scaled: Scaled) -> _Way:
+    def of(cls, scaled: Scaled) -> _Passage:
         whole = (2, *scaled.h.shape)
         v, a, r = (np.broadcast_to(own, whole) for own in (scaled.v, scaled.a, scaled.r))
         ends = np.stack([scaled.end_v, scaled.end_a], axis=1)
@@ -77,14 +77,14 @@ class _Way(NamedTuple):
         times: Array = RETURNS * np.abs(self.ends[:, 0]) / steepest
         return times.max(axis=1)
 
-    def part(self, first: int, last: int) -> _Way:
+    def part(self, first: int, last: int) -> _Passage:
         """The segments from one to before another, at rest where the way goes on."""
         h, v, a, r, stop, shortest, ends = self
         own = slice(first, last)
         ends = ends.copy()
         ends[0] *= first == 0
         ends[1] *= last == len(h)
-        return _Way(h[own], v[:, own], a[:, own], r[:, own], stop[own], shortest[own], ends)
+        return _Passage(h[own], v[:, own], a[:, own], r[:, own], stop[own], shortest[own], ends)
 
     def fast(self, end: int) -> int:
         """How many segments from an end on, 0 or 1, some joint leaves before it can stop."""
@@ -124,7 +124,7 @@ def starts(scaled: Scaled) -> list[JerkStart]:
     Args:
         scaled: A problem that begins or ends in motion.
     """
-    way = _Way.of(scaled)
+    way = _Passage.of(scaled)
     count = len(way.h)
     first, last = way.fast(0), way.fast(1)
     if first == last == 0 or count == 1:
@@ -145,7 +145,7 @@ def starts(scaled: Scaled) -> list[JerkStart]:
     ]
 
 
-def _different(way: _Way, first: int, last: int) -> list[JerkStart]:
+def _different(way: _Passage, first: int, last: int) -> list[JerkStart]:
     """The motions to which the guesses lead, the fastest first."""
     found = [_motion(way, times) for times in way.guesses(first, last)]
     motions = sorted((own for own in found if own), key=lambda own: own.times.sum())
@@ -154,7 +154,7 @@ def _different(way: _Way, first: int, last: int) -> list[JerkStart]:
     return [own for own, other in zip(motions, is_other, strict=True) if other]
 
 
-def _motion(way: _Way, times: Array) -> JerkStart | None:
+def _motion(way: _Passage, times: Array) -> JerkStart | None:
     """A motion through all waypoints, from a guess of its times, if one is found.
 
     Where a waypoint is missed there is no time to pass it at speed: the first such segment is given
@@ -181,7 +181,7 @@ def _motion(way: _Way, times: Array) -> JerkStart | None:
 class _Numbers:
     """The numbers of a way in its program: limits a little tighter, by piece."""
 
-    def __init__(self, way: _Way) -> None:
+    def __init__(self, way: _Passage) -> None:
         signs = np.array([[[-1.0]], [[1.0]]])
         slow = way.r.max(axis=(0, 1))
         velocity, acceleration = np.abs(way.ends).swapaxes(0, 1)

@@ -12,7 +12,6 @@ import pytest
 from baselines.collocation.uniform import Collocation
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
-from baselines.exact.method import interior_point
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
 from experiments.known_optima import one_way
 from soaks import relations
@@ -249,7 +248,7 @@ def test_the_optimum_between_two_waypoints_of_extreme_limits() -> None:
 
 
 def test_it_fails_where_no_start_converges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interior_point, "MAX_ITERATIONS", 5)
+    monkeypatch.setattr("baselines.exact.jerk.planner.MAX_ITERATIONS", 5)
     solution = ExactJerk().solve(random_problem(3, jerk=True))
     assert (solution.status, solution.trajectory) == (Status.FAILED, None)
     assert set(solution.stats["start_status"]) == {"Not_Converged"}
