@@ -76,7 +76,7 @@ def record(problem: Problem, seconds: float) -> dict[str, Any]:
                 lower, place = added(proofs, stated, bound), len(proofs) - 1
         points.append(point(found, lower, place))
     return {
-        "schema": "trajopt-front-1",
+        "schema": "trajopt-front-2",
         "problem": stated,
         "measure": "jerk",
         "points": points,
@@ -96,8 +96,9 @@ def added(proofs: list[dict[str, Any]], stated: dict[str, Any], bound: FrontBoun
 def shortened(proof: FrontProof) -> FrontProof:
     """The proof with short decimals for its costates."""
     table = np.array(proof.costates)
+    digits = np.vectorize(lambda value: float(f"{value:.{_DIGITS}g}"), otypes=[float])
     if len(table):
-        table[:, 4] = [float(f"{value:.{_DIGITS}g}") for value in table[:, 4]]
+        table[:, 3:] = digits(table[:, 3:])
     return FrontProof(**{**vars(proof), "costates": table})
 
 
@@ -119,14 +120,15 @@ def point(found: Least, lower: float, proof: int) -> dict[str, Any]:
 
 def stated_problem(problem: Problem) -> dict[str, Any]:
     """The problem's numbers."""
-    limits = problem.limits
     return {
         "name": problem.name,
         "digest": problem.digest(),
         "waypoints": problem.waypoints.tolist(),
         "limits": {
-            "velocity": limits.velocity.tolist(),
-            "acceleration": limits.acceleration.tolist(),
+            name: [
+                [side if np.isfinite(side) else None for side in pair] for pair in table.tolist()
+            ]
+            for name, table in problem.limits.by_name().items()
         },
         "joint_units": list(problem.joint_units),
     }

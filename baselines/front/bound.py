@@ -9,10 +9,8 @@ waypoints: without them the smoothest motion is at least as smooth.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import combinations, permutations
-from typing import Any
+from itertools import combinations, pairwise, permutations, product
 
 import numpy as np
 
@@ -22,28 +20,28 @@ from baselines.front.dual import (
     exponents,
     free_bounds,
     linear_bounds,
+    scaled_costates,
 )
-from trajopt.core.arrays import Array, Indices
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.limits import LIMIT_ORDERS
 from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import weights
 
 # Largest number of segments of the problem that is bounded.
-MAX_SEGMENTS = 3
-# Instants of each segment at which limits may be imposed. Their shares are multiples of a power of
-# two, so they are exact.
+MAX_SEGMENTS = 4
+# Parts of each segment at whose ends, or on whose mean, limits may be imposed. Their shares are
+# multiples of a power of two, so they are exact.
 _INSTANTS = 32
 SHORTEST_EDGE = 1e-4  # smaller simplices, relative to the segment times, are not halved
 _BATCH = 64
 # Largest number of choices of waypoints that are compared.
-_MAX_CHOICES = 60
+_MAX_CHOICES = 170
 # Simplices whose centre is worse than this, relative to the best value, need no limits.
 _NEAR_RTOL = 0.05
-# Costates whose bound exceeds this multiple of the target are scaled down to it.
-_ENOUGH = 1.5
-# Weight of the simplex's centre in the points at which costates are computed.
-_INWARDS = 0.1
-_PREFIX = "front_"
+# Stands for no limit: no motion comes near it, so that no best costate uses it.
+_NO_LIMIT = 1e30
+# Largest share of the duration that the shortest times of all segments take together.
+_MOST = 1 - 1e-6
 _LEAF_FREE, _LEAF_LIMITS = -1, -2
 
 
@@ -56,44 +54,24 @@ class FrontProof:
         order: 3 for jerk, 2 for acceleration, `(1,)`.
         duration: s, `(1,)`. It is 0 for a bound without limits: that of 1 s, to be divided by the
             fifth (for acceleration, third) power of any duration.
-        limits: For each inequality: order of the derivative, segment, share of the segment at
-            which it is imposed, `(rows, 3)`.
+        shortest: Shortest time of each segment, s, `(K,)`: the simplex holds all longer times.
+        limits: For each inequality: order of the derivative, segment, and the two shares of the
+            segment between which the mean is limited, equal for an instant, `(rows, 4)`.
         steps: The tree of simplices, each before its parts, `(steps, 2)`. For a simplex that is
             halved: the two corners of the halved edge; the part without the first one follows
             first. −1 for a part that is bounded by the equations alone, −2 for one with costates.
-        costates: The costates that are not 0, `(costates, 5)`: number of the part among those with
-            costates, corner, row, joint among those that move, value. Units are the duration and
-            radians or metres.
+        costates: The costates that are not 0, `(costates, 3 + K)`: number of the part among those
+            with costates, row, joint among those that move, values at the part's corners. Units
+            are the duration and radians or metres.
     """
 
     kept: Array
     order: Array
     duration: Array
+    shortest: Array
     limits: Array
     steps: Array
     costates: Array
-
-    def arrays(self) -> dict[str, Array]:
-        """Return the arrays by the names under which a solution's `stats` keep them."""
-        return {f"{_PREFIX}{name}": value for name, value in vars(self).items()}
-
-    @classmethod
-    def stored(cls, stats: Mapping[str, Any]) -> FrontProof | None:
-        """Return the proof among a solution's `stats`; None if there is none.
-
-        Raises:
-            InvalidInput: A part of it is missing or is no table of finite numbers.
-        """
-        own = {k.removeprefix(_PREFIX): v for k, v in stats.items() if k.startswith(_PREFIX)}
-        if not own:
-            return None
-        names = cls.__dataclass_fields__.keys()
-        if own.keys() != names:
-            raise InvalidInput("front proof", f"the arrays {', '.join(names)}", value=list(own))
-        tables = {name: np.asarray(value, dtype=float) for name, value in own.items()}
-        if not all(np.isfinite(table).all() for table in tables.values()):
-            raise InvalidInput("front proof", "finite numbers")
-        return cls(**tables)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +121,28 @@ def prove(
     unit = duration or 1.0
     rows, s = problem_rows(problem, kept, order, duration)
     target = value * unit ** (2 * order - 1)
-    full = rows.only(np.arange(rows.equations))
+    used = np.zeros(rows.low.shape, dtype=bool)
+    shortest = np.zeros(rows.segments)
     if times is not None and duration is not None:
-        full = _in_use(rows, times / times.sum())
-    search = _SimplexSearch(full, target * (1 - within))
+        used = _in_use(rows, times / times.sum())
+        shortest = shortest_times(problem, kept)
+        shortest *= min(1.0, _MOST * duration / shortest.sum())
+    used[: rows.equations] = True
+    keep = np.flatnonzero(used.any(axis=1))
+    rows = rows.only(keep)
+    share = shortest / unit
+    start = share + (1 - share.sum()) * np.eye(rows.segments)
+    search = _SimplexSearch(rows, target * (1 - within), start, used[keep])
     while search.open_simplices and time.process_time() < deadline:
         search.step(target)
-    limits = full.only(np.arange(full.equations, len(full.power)))
+    limits = rows.only(np.arange(rows.equations, len(rows.power)))
+    derivative = order - 1.0 - limits.power + (limits.width > 0)
     proof = FrontProof(
         kept=kept.astype(float),
         order=np.array([float(order)]),
         duration=np.array([duration or 0.0]),
-        limits=np.stack([order - 1.0 - limits.power, limits.segment, limits.share], axis=-1),
+        shortest=shortest,
+        limits=np.stack([derivative, limits.segment, limits.since, limits.share], axis=-1),
         steps=search.steps(),
         costates=search.costates(s),
     )
@@ -194,23 +182,35 @@ def problem_rows(
     way = (problem.waypoints[kept] - problem.waypoints[0])[:, moving] * scale
     segments = len(kept) - 1
     still = np.zeros(way.shape[1])
-    kinds = [(order - 1, k, 1.0, way[k + 1], way[k + 1]) for k in range(segments)]
-    kinds += [(order - 1 - d, segments - 1, 1.0, still, still) for d in range(1, order)]
+    kinds = [(order - 1, k, 1.0, 1.0, way[k + 1], way[k + 1]) for k in range(segments)]
+    kinds += [(order - 1 - d, segments - 1, 1.0, 1.0, still, still) for d in range(1, order)]
     unit = duration or 1.0
-    velocity = problem.limits.velocity[moving].T * unit * scale
-    acceleration = problem.limits.acceleration[moving].T * unit**2 * scale
-    instants = np.arange(1, _INSTANTS + 1) / _INSTANTS
-    for k in range(segments if duration else 0):
-        for share in instants[: _INSTANTS - (k == segments - 1)]:
-            kinds.append((order - 2, k, share, *velocity))
-            if order == 3:  # otherwise acceleration is the integrand
-                kinds.append((0, k, share, *acceleration))
-    power, segment, share, low, high = (np.array(column) for column in zip(*kinds, strict=True))
-    return SmoothnessConstraints(order, segments, power, segment, share, low, high), scale
+    tables = problem.limits.by_name()
+    tables["position"] = tables["position"] - problem.waypoints[0][:, None]
+    instants = np.arange(_INSTANTS + 1) / _INSTANTS
+    for name, of in LIMIT_ORDERS.items() if duration else ():
+        if of > order:
+            continue
+        sides = np.clip(tables[name][moving].T * scale * unit**of, -_NO_LIMIT, _NO_LIMIT)
+        if (np.abs(sides) == _NO_LIMIT).all():
+            continue
+        mean = of % 2 == 1 or of == order
+        for k, (since, share) in product(range(segments), pairwise(instants)):
+            if mean:
+                kinds.append((order - of, k, share, since, *sides))
+            elif share < 1:
+                kinds.append((order - 1 - of, k, share, share, *sides))
+            elif of == 2 and k < segments - 1:
+                kinds.append((0, k, share, share, *sides))
+    power, segment, share, since, low, high = (
+        np.array(column) for column in zip(*kinds, strict=True)
+    )
+    rows = SmoothnessConstraints(order, segments, power, segment, share, since, low, high)
+    return rows, scale
 
 
-def _in_use(rows: SmoothnessConstraints, times: Array) -> SmoothnessConstraints:
-    """Return the inequalities that the best costates use at these times and at times near them."""
+def _in_use(rows: SmoothnessConstraints, times: Array) -> Bools:
+    """What the best costates at these times, and at some near them, use: `(rows, joints)`."""
     near = [times]
     for k, other in permutations(range(len(times)), 2):
         moved = times.copy()
@@ -220,21 +220,38 @@ def _in_use(rows: SmoothnessConstraints, times: Array) -> SmoothnessConstraints:
         near.append(moved)
     costates, values = best_costates(rows, np.array(near))
     size = np.abs(costates) * np.maximum(np.abs(rows.low), np.abs(rows.high))
-    largest = (size / values[:, None, None]).max(axis=(0, 2))
-    largest[: rows.equations] = np.inf
-    return rows.only(np.flatnonzero(largest > 1e-4))
+    size *= rows.lengths(np.array(near))[..., None]
+    used: Bools = (size / values[:, None, None]).max(axis=0) > 1e-4
+    used[: rows.equations] = True
+    return used
 
 
-def _tamed(costates: Array, values: Array, enough: float) -> Array:
-    """Return costates, scaled down where their bound is more than `enough`, so that it is `enough`.
+def shortest_times(problem: Problem, kept: Indices) -> Array:
+    """Return times that no segment is shorter than, s, `(K,)`.
 
-    At times that are hardly possible the best costates are huge and differ much from corner to
-    corner, so a linear interpolation between corners proves little. Costates scaled by `t` have
-    `(2 t − t²)` times the bound.
+    A joint keeps its velocity limit, and its acceleration limit from and to rest.
     """
-    share = np.minimum(1.0, enough / np.maximum(values, enough))
-    scale: Array = 1 - np.sqrt(1 - share)
-    return costates * scale[:, None, None]
+    moving = problem.moving
+    way = np.diff(problem.waypoints[kept][:, moving], axis=0)
+    sign = np.sign(way)
+    velocity, acceleration, braking = (
+        np.where(way > 0, own[moving, 1], -own[moving, 0])
+        for own in (
+            problem.limits.velocity,
+            problem.limits.acceleration,
+            -problem.limits.acceleration[:, ::-1],
+        )
+    )
+    way = way * sign
+    found = way / velocity
+    for k, rate in ((0, acceleration), (-1, braking)):
+        ramp = velocity[k] ** 2 / (2 * rate[k])
+        slow = way[k] / velocity[k] + velocity[k] / (2 * rate[k])
+        found[k] = np.maximum(
+            found[k], np.where(way[k] > ramp, slow, np.sqrt(2 * way[k] / rate[k]))
+        )
+    shortest: Array = found.max(axis=1) * (1 - 1e-9)
+    return shortest
 
 
 @dataclass(eq=False)
@@ -242,12 +259,16 @@ class _SimplexSearch:
     """Simplices of segment times: a tree whose leaves are bounded.
 
     Attributes:
-        rows: The equations and inequalities that may be used.
-        target: A leaf with this bound needs no further halving.
+        rows: Those that may be used.
+        target: A leaf with this bound is closed.
+        start: The corners of all segment times, `(K, K)`.
+        used: Which of the rows each joint may use, `(rows, joints)`.
     """
 
     rows: SmoothnessConstraints
     target: float
+    start: Array
+    used: Bools
     corners: list[Array] = field(default_factory=list)
     bounds: list[float] = field(default_factory=list)
     leaves: list[Array | None] = field(default_factory=list)
@@ -255,7 +276,7 @@ class _SimplexSearch:
     open_simplices: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._add(np.eye(self.rows.segments)[None], self.target)
+        self._add(self.start[None], self.target)
 
     def _add(self, corners: Array, near: float) -> list[int]:
         """Bound simplices, with limits where the equations alone do not reach the target."""
@@ -271,11 +292,11 @@ class _SimplexSearch:
             wanting = wanting[:0]
         if len(wanting):
             own = corners[wanting]
-            shape = own.shape
-            inner = (1 - _INWARDS) * own + _INWARDS * own.mean(axis=1, keepdims=True)
-            found, values = best_costates(self.rows, inner.reshape(-1, shape[-1]))
-            found = _tamed(found, values, _ENOUGH * self.target)
-            found = found.reshape(*shape[:2], *found.shape[1:])
+            centre, _ = best_costates(self.rows, own.mean(axis=1), used=self.used)
+            times = own.reshape(-1, own.shape[-1])
+            found, _ = best_costates(self.rows, times, like=np.repeat(centre, own.shape[1], axis=0))
+            found = scaled_costates(self.rows, found, times)
+            found = found.reshape(*own.shape[:2], *found.shape[1:])
             better = linear_bounds(self.rows, own, found)
             for place, bound, y in zip(wanting, better, found, strict=True):
                 if bound > low[place]:
@@ -350,9 +371,9 @@ class _SimplexSearch:
     def costates(self, scale: Array) -> Array:
         """Return the costates in the form of `FrontProof.costates`, without the joints' weights."""
         leaves = [self.leaves[k] for k in self._walk() if k not in self.splits]
-        own = [y / scale for y in leaves if y is not None]
-        if not own:
-            return np.zeros((0, 5))
-        places = np.argwhere(np.array(own))
-        values = np.array(own)[tuple(places.T)]
-        return np.column_stack([places, values])
+        own = np.array([y / scale for y in leaves if y is not None])
+        if not len(own):
+            return np.zeros((0, 3 + self.rows.segments))
+        places = np.argwhere((own != 0).any(axis=1))
+        leaf, row, joint = places.T
+        return np.column_stack([places, own[leaf, :, row, joint]])

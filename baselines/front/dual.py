@@ -7,9 +7,10 @@ For any multipliers `y` of them
     ∫ u² ≥ 2 y·c − y'G(T) y.
 
 Here `c` is the prescribed value of an equation, or the limit of an inequality on the side of `y`'s
-sign. Instants are fixed shares of the segments, so `G` is a polynomial of the segment times `T`. If
-`y` is a polynomial of `T` too, so is the right side. On a simplex it is at least its smallest
-Bernstein coefficient.
+sign. The best multiple of `y = z` gives `(z·c)²/z'G z` where `z·c ≥ 0`. Instants are fixed shares
+of the segments, so `G` is a polynomial of the segment times `T`. If `z` is a polynomial of `T` too,
+so is `(z·c)² − b z'G z`. Where its Bernstein coefficients on a simplex are not negative, `b` is a
+lower bound on that simplex.
 
 Time is in units of the duration: the segment times of a motion add up to 1.
 """
@@ -30,6 +31,8 @@ from trajopt.core.arrays import Array, Bools, Indices
 FREE_DEGREE = 3
 # Rounding of a sum of products, relative to the sum of the sizes of all terms.
 _ROUNDING_RTOL = 4096 * float(np.finfo(float).eps)
+# Largest number of iterations of an active-set loop.
+_ITERATIONS = 60
 # Weight of the simplex's centre in the points of interpolation: at a segment time of 0 costates
 # would be infinite.
 _CENTRE_SHARE = 0.02
@@ -39,13 +42,19 @@ _CENTRE_SHARE = 0.02
 class SmoothnessConstraints:
     """The rows of a problem: first its equations, then its inequalities.
 
+    A row is what a derivative is at an instant, or by how much it changes from one instant of a
+    segment to another: its mean rate is limited, so that this change is limited by a multiple of
+    the segment time.
+
     Attributes:
         order: 3 for jerk, 2 for acceleration.
         segments: Number of segments `K`.
         power: `p` of each row, `(rows,)`.
         segment: The segment of its instant, `(rows,)`.
         share: The instant's share of that segment, `(rows,)`.
-        low, high: Of each row and joint, `(rows, joints)`; equal for an equation.
+        since: The share of the instant that a change is counted from, else `share`, `(rows,)`.
+        low, high: Of each row and joint, `(rows, joints)`; equal for an equation. Of a change:
+            limits of the mean rate.
     """
 
     order: int
@@ -53,6 +62,7 @@ class SmoothnessConstraints:
     power: Indices
     segment: Indices
     share: Array
+    since: Array
     low: Array
     high: Array
 
@@ -60,6 +70,11 @@ class SmoothnessConstraints:
     def equations(self) -> int:
         """Return the number of equations: of the waypoints, and of rest at the end."""
         return self.segments + self.order - 1
+
+    @property
+    def width(self) -> Array:
+        """Share of the segment over which a row counts a change, 0 for an instant, `(rows,)`."""
+        return self.share - self.since
 
     def only(self, keep: Indices) -> SmoothnessConstraints:
         """Return the problem with some of its rows."""
@@ -69,44 +84,62 @@ class SmoothnessConstraints:
             self.power[keep],
             self.segment[keep],
             self.share[keep],
+            self.since[keep],
             self.low[keep],
             self.high[keep],
         )
 
-    def gram(self, times: Array) -> Array:
-        """Return `G` at segment times `(…, K)`: `(…, rows, rows)`.
+    def lengths(self, times: Array) -> Array:
+        """Return what the limits are multiplied by at segment times `(…, K)`: `(…, rows)`."""
+        width = self.width
+        return np.where(width > 0, width * times[..., self.segment], 1.0)
 
-        The entry of two instants at the distance `d` is `∫ u^q/q! (u + d)^p/p! du`, from 0 to the
-        earlier one.
-        """
-        before = np.concatenate([np.zeros((*times.shape[:-1], 1)), np.cumsum(times, -1)], -1)
-        instants = before[..., self.segment] + self.share * times[..., self.segment]
-        place = self.segment + self.share
-        early = place[:, None] <= place[None, :]
+    def gram(self, times: Array) -> Array:
+        """Return `G` at segment times `(…, K)`: `(…, rows, rows)`."""
+        changes = np.flatnonzero(self.width > 0)
+        power = np.append(self.power, self.power[changes])
+        segment = np.append(self.segment, self.segment[changes])
+        found = _gram(self.order, power, segment, np.append(self.share, self.since[changes]), times)
         count = len(self.power)
-        found = np.zeros((*times.shape[:-1], count, count))
-        for p, q in product(range(self.order), repeat=2):
-            own = (self.power == p)[:, None] & (self.power == q)[None, :]
-            i, j = np.nonzero(own & early)
-            start, distance = instants[..., i], instants[..., j] - instants[..., i]
-            value = np.zeros(distance.shape)
-            for r in range(q + 1):
-                value = value + comb(q, r) * distance ** (q - r) * start ** (p + r + 1) / (
-                    p + r + 1
-                )
-            value = value / (factorial(p) * factorial(q))
-            found[..., i, j] = value
-            found[..., j, i] = value
+        found[..., changes, :] -= found[..., count:, :]
+        found[..., :, changes] -= found[..., :, count:]
+        own: Array = found[..., :count, :count]
+        return own
+
+    def gain(self, costates: Array, times: Array | None = None) -> Array:
+        """Return `y·c`: of costates `(…, rows, joints)`, the least that the rows allow."""
+        gain = np.where(costates > 0, costates * self.low, costates * self.high).sum(-1)
+        found: Array = (gain if times is None else gain * self.lengths(times)).sum(-1)
         return found
 
-    def gain(self, costates: Array) -> Array:
-        """Return `y·c` of costates `(…, rows, joints)`: its least value that the rows allow."""
-        return np.where(costates > 0, costates * self.low, costates * self.high).sum((-2, -1))
-
-    def gain_size(self, costates: Array) -> Array:
+    def gain_size(self, costates: Array, times: Array) -> Array:
         """Return the sum of the sizes of the terms of `gain`."""
         size = np.maximum(np.abs(self.low), np.abs(self.high))
-        return (np.abs(costates) * size).sum((-2, -1))
+        return ((np.abs(costates) * size).sum(-1) * self.lengths(times)).sum(-1)
+
+
+def _gram(order: int, power: Indices, segment: Indices, share: Array, times: Array) -> Array:
+    """Products of the kernels of instants: `∫ u^q/q! (u + d)^p/p! du` from 0 to the earlier one.
+
+    `d` is their distance.
+    """
+    before = np.concatenate([np.zeros((*times.shape[:-1], 1)), np.cumsum(times, -1)], -1)
+    instants = before[..., segment] + share * times[..., segment]
+    place = segment + share
+    early = place[:, None] <= place[None, :]
+    count = len(power)
+    found = np.zeros((*times.shape[:-1], count, count))
+    for p, q in product(range(order), repeat=2):
+        own = (power == p)[:, None] & (power == q)[None, :]
+        i, j = np.nonzero(own & early)
+        start, distance = instants[..., i], instants[..., j] - instants[..., i]
+        value = np.zeros(distance.shape)
+        for r in range(q + 1):
+            value = value + comb(q, r) * distance ** (q - r) * start ** (p + r + 1) / (p + r + 1)
+        value = value / (factorial(p) * factorial(q))
+        found[..., i, j] = value
+        found[..., j, i] = value
+    return found
 
 
 class Lattice(NamedTuple):
@@ -144,11 +177,11 @@ def lattice(corners: int, degree: int) -> Lattice:
 
 
 @lru_cache
-def _interpolation(corners: int, degree: int) -> tuple[Array, Array]:
-    """Return points for costates, and their weights at the points of the whole lattice."""
-    powers = exponents(corners, FREE_DEGREE)
-    nodes = powers / FREE_DEGREE
-    points = lattice(corners, degree).points
+def _interpolation(corners: int, degree: int, whole: int) -> tuple[Array, Array]:
+    """Points of costates of a degree, and their weights at the lattice of the whole polynomial."""
+    powers = exponents(corners, degree)
+    nodes = powers / degree if degree else np.full((1, corners), 1 / corners)
+    points = lattice(corners, whole).points
 
     def monomials(at: Array) -> Array:
         return np.prod(at[:, None, :] ** powers[None], -1)
@@ -159,14 +192,34 @@ def _interpolation(corners: int, degree: int) -> tuple[Array, Array]:
 def free_bounds(rows: SmoothnessConstraints, corners: Array) -> Array:
     """Return lower bounds of simplices `(B, K, K)` from the equations alone, `(B,)`.
 
-    Each is the better of two bounds. The first one's costates interpolate the best ones at points
-    of the simplex. The second one's are a multiple of those at its centre; it is better where a
-    segment time may be 0.
+    Their costates go through the best ones at points of the simplex, or are constant where they do
+    not: a time may be 0.
     """
     own = rows.only(np.arange(rows.equations))
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = np.maximum(_constant_bounds(own, corners), _curved_bounds(own, corners))
-    return np.nan_to_num(found, nan=-np.inf)
+    return np.maximum(_curved_bounds(own, corners, 0), _curved_bounds(own, corners, FREE_DEGREE))
+
+
+def _curved_bounds(own: SmoothnessConstraints, corners: Array, degree: int) -> Array:
+    """From costates of a degree in the segment times."""
+    nodes, weights = _interpolation(own.segments, degree, _degree(own.order, degree))
+    times = nodes @ corners
+    centre = corners.mean(axis=1, keepdims=True)
+    times = np.maximum(times, _CENTRE_SHARE * centre)
+    best = scaled_costates(own, _equation_costates(own, times), times)
+    costates = np.einsum("pm,bmrn->bprn", weights, best)
+    return _smallest_ratio(own, corners, costates, own.gain(costates), degree)
+
+
+def _degree(order: int, costates: int) -> int:
+    """Of `z'G z`, where the costates `z` have this degree."""
+    return 2 * costates + 2 * order - 1
+
+
+def scaled_costates(rows: SmoothnessConstraints, costates: Array, times: Array) -> Array:
+    """The multiple of costates that gains 1, so that neighbours can be interpolated."""
+    gain = rows.gain(costates, times)
+    scaled: Array = costates / np.where(gain > 0, gain, np.inf)[..., None, None]
+    return scaled
 
 
 def _equation_costates(own: SmoothnessConstraints, times: Array) -> Array:
@@ -175,34 +228,6 @@ def _equation_costates(own: SmoothnessConstraints, times: Array) -> Array:
     scale = 1 / np.sqrt(np.einsum("...ii->...i", gram))
     scaled = gram * scale[..., :, None] * scale[..., None, :] + 1e-12 * np.eye(len(own.power))
     return scale[..., None] * np.linalg.solve(scaled, scale[..., None] * own.low)
-
-
-def _constant_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
-    """Return `(y·c)²` over the largest Bernstein coefficient of `y'G y`, `y` best at the centre."""
-    centre = corners.mean(axis=1)
-    costates = _equation_costates(own, centre)
-    at = lattice(own.segments, 2 * own.order - 1)
-    gram = own.gram(at.points @ corners)
-    squares = np.einsum("brn,bsn->brs", costates, costates)
-    values = (gram * squares[:, None]).sum((-2, -1))
-    size = (np.abs(gram) * np.abs(squares)[:, None]).sum((-2, -1))
-    largest = (values @ at.to_bernstein.T).max(axis=1)
-    largest += at.error * np.abs(values).max(axis=1)
-    largest += _ROUNDING_RTOL * (size @ np.abs(at.to_bernstein).T).max(axis=1)
-    gain = own.gain(costates) - _ROUNDING_RTOL * own.gain_size(costates)
-    return np.where(gain > 0, gain**2 / largest, -np.inf)
-
-
-def _curved_bounds(own: SmoothnessConstraints, corners: Array) -> Array:
-    """Return bounds from costates of degree `FREE_DEGREE` in the segment times."""
-    degree = 2 * FREE_DEGREE + 2 * own.order - 1
-    nodes, weights = _interpolation(own.segments, degree)
-    times = nodes @ corners
-    centre = corners.mean(axis=1)
-    times = np.maximum(times, _CENTRE_SHARE * centre[:, None])
-    best = _equation_costates(own, times)
-    costates = np.einsum("pm,bmrn->bprn", weights, best)
-    return _smallest(own, corners, costates, degree)
 
 
 def linear_bounds(rows: SmoothnessConstraints, corners: Array, costates: Array) -> Array:
@@ -214,65 +239,109 @@ def linear_bounds(rows: SmoothnessConstraints, corners: Array, costates: Array) 
         costates: `(simplices, K, rows, joints)`. The gain `y·c` is concave in them, so between
             corners it is at least its linear interpolation.
     """
-    degree = 2 * rows.order + 1
-    points = lattice(rows.segments, degree).points
+    points = lattice(rows.segments, _degree(rows.order, 1)).points
     between = np.einsum("mc,bcrn->bmrn", points, costates)
-    gains = np.einsum("mc,bc->bm", points, rows.gain(costates))
-    return _smallest(rows, corners, between, degree, gains)
+    own = np.where(costates > 0, costates * rows.low, costates * rows.high).sum(-1)
+    lengths = rows.lengths(points @ corners)
+    gains = np.einsum("mc,bcr,bmr->bm", points, own, lengths)
+    return _smallest_ratio(rows, corners, between, gains, 1)
 
 
-def _smallest(
-    rows: SmoothnessConstraints,
-    corners: Array,
-    costates: Array,
-    degree: int,
-    gains: Array | None = None,
+def _smallest_ratio(
+    rows: SmoothnessConstraints, corners: Array, costates: Array, gains: Array, degree: int
 ) -> Array:
-    """Return the smallest Bernstein coefficient of each simplex, less its rounding error."""
-    own = lattice(rows.segments, degree)
+    """The largest `t` with `(z·c)² − t z'G z` nowhere negative by its Bernstein coefficients.
+
+    Less what rounding may do; minus infinity where `z·c` may be negative.
+    """
+    own = lattice(rows.segments, _degree(rows.order, degree))
     gram = rows.gram(own.points @ corners)
-    if gains is None:
-        gains = rows.gain(costates)
     products = np.einsum("bprn,bprs->bpsn", costates, gram, optimize=True)
-    values = 2 * gains - (products * costates).sum((-2, -1))
+    squares = (products * costates).sum((-2, -1))
     sizes = np.abs(costates)
     terms = np.einsum("bprn,bprs->bpsn", sizes, np.abs(gram), optimize=True)
-    size = 2 * rows.gain_size(costates) + (terms * sizes).sum((-2, -1))
-    rounding = own.error * np.abs(values).max(axis=1)
-    rounding += _ROUNDING_RTOL * (size @ np.abs(own.to_bernstein).T).max(axis=1)
-    return (values @ own.to_bernstein.T).min(axis=1) - rounding
+    size = (terms * sizes).sum((-2, -1))
+    gain_size = rows.gain_size(costates, own.points @ corners)
+    upper = _coefficients(squares, size, own, 1.0)
+    lower = _coefficients(gains**2, 2 * gain_size * np.abs(gains), own, -1.0)
+    positive = _coefficients(gains, gain_size, own, -1.0).min(axis=1) > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(upper > 0, lower / upper, np.inf).min(axis=1)
+    return np.where(positive & (lower.min(axis=1) >= 0), ratio, -np.inf)
+
+
+def _coefficients(values: Array, size: Array, own: Lattice, side: float) -> Array:
+    """Bernstein coefficients of values at the points, beyond rounding on a side."""
+    rounding = own.error * np.abs(values).max(axis=1, keepdims=True)
+    rounding = rounding + _ROUNDING_RTOL * (size @ np.abs(own.to_bernstein).T)
+    shifted: Array = values @ own.to_bernstein.T + side * rounding
+    return shifted
 
 
 def best_costates(
-    rows: SmoothnessConstraints, times: Array, iterations: int = 60
+    rows: SmoothnessConstraints,
+    times: Array,
+    *,
+    used: Bools | None = None,
+    like: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return the best costates at segment times, `(B, rows, joints)`, and their values, `(B,)`.
 
-    An active-set loop starts without limits. Any costates prove a bound, so it may stop after any
-    iteration.
+    An active-set loop. Any costates prove a bound, so it may stop at any time.
 
     Args:
         rows: The equations and inequalities.
         times: `(B, K)`.
-        iterations: Largest number of iterations.
+        used: The limits of each joint that may be active, `(rows, joints)`; all by default.
+        like: Costates `(B, rows, joints)` to start from; only their own limits may be active.
     """
-    batch, joints, count = len(times), rows.low.shape[1], len(rows.power)
-    gram = np.repeat(rows.gram(times), joints, axis=0)
+    gram = rows.gram(times)
+    lengths = rows.lengths(times)
+    costates = np.zeros((*lengths.shape, rows.low.shape[1]))
+    values = np.zeros(len(times))
+    for joint in range(rows.low.shape[1]):
+        own = np.ones(len(rows.power), dtype=bool) if used is None else used[:, joint].copy()
+        if like is not None:
+            own &= (like[:, :, joint] != 0).any(axis=0)
+        own[: rows.equations] = True
+        keep = np.flatnonzero(own)
+        low, high = (side[keep, joint] * lengths[:, keep] for side in (rows.low, rows.high))
+        start = None if like is None else like[:, keep, joint]
+        found, value = _active_set(gram[:, keep][:, :, keep], low, high, rows.equations, start)
+        costates[:, keep, joint] = found
+        values += value
+    return costates, values
+
+
+def _active_set(
+    gram: Array, low: Array, high: Array, equations: int, like: Array | None
+) -> tuple[Array, Array]:
+    """The best costates of one joint, `(B, rows)`, and their values, `(B,)`."""
+    count = gram.shape[-1]
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", gram), 1e-300))
     scaled = gram * scale[:, :, None] * scale[:, None, :]
-    low, high = (np.tile(side.T, (batch, 1)) * scale for side in (rows.low, rows.high))
-    is_limit: Bools = np.asarray(np.arange(count) >= rows.equations)
-    active = np.repeat(~is_limit[None], len(low), axis=0)
+    low, high = low * scale, high * scale
+    is_limit = np.arange(count) >= equations
+    allowed: Bools = np.repeat(is_limit[None], len(low), axis=0)
+    active = ~allowed
     side = np.zeros(low.shape)
     goal = np.where(is_limit, 0.0, low)
+    if like is not None:
+        side = np.sign(like) * is_limit
+        allowed = side != 0
+        active = active | allowed
+        goal = np.where(side > 0, low, np.where(side < 0, high, goal))
     best = np.zeros(low.shape)
     best_value = np.full(len(low), -np.inf)
     size = np.minimum(np.abs(low), np.abs(high)) + 1e-12
-    for _ in range(iterations):
-        both = active[:, :, None] & active[:, None, :]
-        diagonal = np.where(active, 1e-11, 1.0)[:, :, None] * np.eye(count)
-        matrix = np.where(both, scaled, 0) + diagonal
-        y = np.linalg.solve(matrix, np.where(active, goal, 0)[..., None])[..., 0]
+    for _ in range(_ITERATIONS):
+        own = np.flatnonzero(active.any(axis=0))
+        some = active[:, own]
+        both = some[:, :, None] & some[:, None, :]
+        diagonal = np.where(some, 1e-11, 1.0)[:, :, None] * np.eye(len(own))
+        matrix = np.where(both, scaled[:, own][:, :, own], 0) + diagonal
+        y = np.zeros(low.shape)
+        y[:, own] = np.linalg.solve(matrix, np.where(some, goal[:, own], 0)[..., None])[..., 0]
         wrong = active & is_limit & (y * side < 0)
         valid = np.where(wrong, 0, y)
         taken = np.einsum("bij,bj->bi", scaled, valid)
@@ -280,7 +349,7 @@ def best_costates(
         better = value > best_value
         best[better], best_value[better] = valid[better], value[better]
         reached = np.einsum("bij,bj->bi", scaled, y)
-        over = np.where(is_limit & ~active, np.maximum(reached - high, low - reached), -1) / size
+        over = np.where(allowed & ~active, np.maximum(reached - high, low - reached), -1) / size
         any_wrong = np.logical_or.reduce(wrong, axis=1, keepdims=True)
         active &= ~wrong
         side = np.where(wrong, 0, side)
@@ -292,5 +361,4 @@ def best_costates(
         goal = np.where(added, np.where(below, low, high), goal)
         if not (any_wrong.any() or added.any()):
             break
-    costates = (best * scale).reshape(batch, joints, count).transpose(0, 2, 1)
-    return costates, best_value.reshape(batch, joints).sum(1)
+    return best * scale, best_value

@@ -10,10 +10,12 @@ from fractions import Fraction
 from functools import cache
 from itertools import product
 from math import comb, factorial, floor, lcm, prod
+from operator import mul
 
 DIGITS = 2**128  # values of polynomials are rounded down to multiples of 1/DIGITS of the claim
 COSTATE_BITS = 100
 SHARES = 32  # instants are multiples of a 32nd of their segment
+NAMES = ("position", "velocity", "acceleration", "jerk")
 CURVED, CENTRE = 3, Fraction(1, 50)
 
 
@@ -59,8 +61,8 @@ def to_bernstein(corners, degree):
 
 
 @cache
-def interpolation(corners, degree):  # from values at CURVED's points to those at degree's
-    own = exponents(corners, CURVED)
+def interpolation(corners, curve, degree):  # from values at curve's points to those at degree's
+    own = exponents(corners, curve)
 
     def monomials(points, divisor):
         return [
@@ -68,7 +70,7 @@ def interpolation(corners, degree):  # from values at CURVED's points to those a
             for p in points
         ]
 
-    back = inverse(monomials(own, CURVED))
+    back = inverse(monomials(own, max(curve, 1)))
     ahead = monomials(exponents(corners, degree), degree)
     table = [
         [sum(x * y for x, y in zip(row, column, strict=True)) for column in zip(*back, strict=True)]
@@ -77,12 +79,16 @@ def interpolation(corners, degree):  # from values at CURVED's points to those a
     return whole(table)
 
 
-# --- rows: power, segment, share in 32nds, and each joint's low and high ---
+# --- rows: power, segment, two shares in 32nds, and each joint's low and high ---
 
 
 def gram(rows, times, unit, order):  # whole numbers over 240 unit^(2 order - 1)
     starts = [sum(times[:k]) for k in range(len(times))]
-    at = [(starts[k] * SHARES + share * times[k], p) for p, k, share in rows]
+    at = [(starts[k] * SHARES + share * times[k], p) for p, k, since, share in rows]
+    changes = [i for i, (p, k, since, share) in enumerate(rows) if since < share]
+    at += [
+        (starts[rows[i][1]] * SHARES + rows[i][2] * times[rows[i][1]], rows[i][0]) for i in changes
+    ]
     top = 2 * order - 1
 
     def entry(early, late):
@@ -98,7 +104,17 @@ def gram(rows, times, unit, order):  # whole numbers over 240 unit^(2 order - 1)
         )
         return sum(terms) * unit ** (top - p - q - 1)
 
-    return [[entry(*sorted((a, b), key=lambda x: x[0])) for b in at] for a in at]
+    table = [[0] * len(at) for _ in at]
+    for i, a in enumerate(at):
+        for k in range(i, len(at)):
+            table[i][k] = table[k][i] = entry(*sorted((a, at[k]), key=lambda x: x[0]))
+    count = len(rows)  # a change: the later instant less the earlier one
+    for i, own in enumerate(changes):
+        table[own] = [x - y for x, y in zip(table[own], table[count + i], strict=True)]
+    for row in table[:count]:
+        for i, own in enumerate(changes):
+            row[own] -= row[count + i]
+    return [row[:count] for row in table[:count]]
 
 
 def solved(matrix, right):  # floating point: any costates do
@@ -121,7 +137,7 @@ def solved(matrix, right):  # floating point: any costates do
 class Front:
     """The rows of a problem at a duration, and the lower bounds of simplices."""
 
-    def __init__(self, problem, order, duration, kept, limits):
+    def __init__(self, problem, order, duration, kept, limits, shortest):
         self.order, points = order, [problem["waypoints"][int(k)] for k in kept]
         moving = [j for j in range(len(points[0])) if len({x[j] for x in problem["waypoints"]}) > 1]
         unit = duration or Fraction(1)
@@ -131,20 +147,59 @@ class Front:
             1 / min(map(abs, A[j])) ** 2 if len(set(units)) > 1 else Fraction(1) for j in moving
         ]
         self.K = len(points) - 1
-        self.rows = [(order - 1, k, SHARES) for k in range(self.K)]
-        self.rows += [(order - 1 - d, self.K - 1, SHARES) for d in range(1, order)]
+        self.rows = [(order - 1, k, SHARES, SHARES) for k in range(self.K)]
+        self.rows += [(order - 1 - d, self.K - 1, SHARES, SHARES) for d in range(1, order)]
         sides = [[[x[j] - points[0][j]] * 2 for j in moving] for x in points[1:]]
         sides += [[[Fraction(0)] * 2 for _ in moving]] * (order - 1)
         self.equations = len(sides)
-        for of, segment, share in limits:
-            table = {1: V, 2: A}[int(of)]
-            self.rows.append((order - 1 - int(of), int(segment), int(share * SHARES)))
-            sides.append([[x * unit ** int(of) for x in table[j]] for j in moving])
-        self.divisor = lcm(*(x.denominator for row in sides for pair in row for x in pair))
-        self.sides = [[[int(x * self.divisor) for x in pair] for pair in row] for row in sides]
+        for of, segment, since, share in limits:
+            of, power = int(of), order - 1 - int(of) + (since < share)
+            if not (0 <= since <= share <= 1 and 0 <= segment < self.K and power >= 0):
+                refuse("a limit at no instant")
+            table = problem["limits"][NAMES[of]]
+            self.rows.append((power, int(segment), int(since * SHARES), int(share * SHARES)))
+            sides.append(
+                [
+                    [
+                        None if x is None else (x - points[0][j] * (of == 0)) * unit**of
+                        for x in table[j]
+                    ]
+                    for j in moving
+                ]
+            )
+        share = [x / unit for x in shortest]
+        self.start = [
+            [x + (i == k) * (1 - sum(share)) for k, x in enumerate(share)] for i in range(self.K)
+        ]
+        if any(share) and (sum(share) >= 1 or not duration):
+            refuse("no time is left")
+        for k, seconds in enumerate(shortest):
+            ways = ((points[k + 1][j] - points[k][j], V[j], A[j]) for j in moving)
+            if not any(self.takes(k, seconds, *own) for own in ways):
+                refuse("a segment may take less")
+        every = [x for row in sides for pair in row for x in pair if x is not None]
+        self.divisor = lcm(*(x.denominator for x in every))
+        self.sides = [
+            [[None if x is None else int(x * self.divisor) for x in pair] for pair in row]
+            for row in sides
+        ]
         self.floats = [
             [float(Fraction(pair[0], self.divisor)) for pair in row]
             for row in self.sides[: self.equations]
+        ]
+
+    def takes(self, k, seconds, way, velocity, acceleration):  # at least these seconds
+        up = way > 0
+        way, v = abs(way), abs(velocity[up])
+        rates = [abs(acceleration[up])] if k == 0 else []
+        rates += [abs(acceleration[not up])] if k == self.K - 1 else []
+        far = [a * seconds**2 / 2 if a * seconds < v else v * (seconds - v / a / 2) for a in rates]
+        return way >= min([*far, v * seconds])
+
+    def lengths(self, times, unit):  # what each row's limits are multiplied by
+        return [
+            Fraction((share - since) * times[k], SHARES * unit) if since < share else 1
+            for p, k, since, share in self.rows
         ]
 
     def times(self, corners, degree):  # at the lattice's points, whole numbers over the second
@@ -163,57 +218,73 @@ class Front:
         scale = 240 * (unit * SHARES) ** (2 * self.order - 1)
         return solved([[x / scale for x in row] for row in table], self.floats)
 
-    def smallest(self, corners, degree, costates, divisor, claim):
-        """The least Bernstein coefficient of Σ w (2 y·c - y'Gy), as a fraction of the claim.
+    def gain(self, table, divisor):  # of each row, of costates over the divisor
+        for row, sides in zip(table, self.sides[: len(table)], strict=True):
+            if any(v and pair[v < 0] is None for v, pair in zip(row, sides, strict=True)):
+                refuse("a costate of no limit")
+        return [
+            sum(
+                w * Fraction(v * self.sides[i][j][v < 0], divisor * self.divisor)
+                for j, (w, v) in enumerate(zip(self.weights, row, strict=True))
+                if v
+            )
+            for i, row in enumerate(table)
+        ]
+
+    def ratio(self, corners, degree, costates, divisor, gains, claim):
+        """The largest t with (z·c)² - t claim z'Gz nowhere negative by its Bernstein coefficients.
 
         `costates` has for each point a table of whole numbers, over the divisor.
         """
         points, unit = self.times(corners, degree)
-        matrix, under = to_bernstein(len(corners), degree)
+        matrix, _ = to_bernstein(len(corners), degree)
         unit *= SHARES
         scale = 240 * unit ** (2 * self.order - 1)
-        values = []
+        squares = []
         for times, table in zip(points, costates, strict=True):
             used = [i for i, row in enumerate(table) if any(row)]
             own = gram([self.rows[i] for i in used], times, unit, self.order)
             total = Fraction(0)
             for j, weight in enumerate(self.weights):
                 y = [table[i][j] for i in used]
-                gain = sum(v * self.sides[i][j][v < 0] for v, i in zip(y, used, strict=True))
                 square = sum(
-                    a * sum(map(int.__mul__, row, y)) for a, row in zip(y, own, strict=True)
+                    a * sum(map(int.__mul__, row, y)) for a, row in zip(y, own, strict=True) if a
                 )
-                total += weight * (
-                    Fraction(2 * gain, divisor * self.divisor)
-                    - Fraction(square, divisor**2 * scale)
-                )
-            values.append(floor(total / claim * DIGITS))
-        lows = (sum(map(int.__mul__, row, values)) - sum(map(abs, row)) for row in matrix)
-        return Fraction(min(lows), under * DIGITS)
+                total += weight * Fraction(square, divisor**2 * scale)
+            squares.append(total * claim)
+
+        def coefficients(values, side):
+            fixed = [floor(v * DIGITS) for v in values]
+            return [sum(map(int.__mul__, row, fixed)) + side * sum(map(abs, row)) for row in matrix]
+
+        above = coefficients([g * g for g in gains], -1)
+        if min(coefficients(gains, -1)) <= 0 or min(above) < 0:
+            return Fraction(0)
+        below = coefficients(squares, 1)
+        return min((Fraction(a, b) for a, b in zip(above, below, strict=True) if b > 0), default=1)
 
     def free(self, corners, claim):  # from the equations alone
+        low = self.curved(corners, 0, claim)
+        return low if low >= 1 else max(low, self.curved(corners, CURVED, claim))
+
+    def curved(self, corners, curve, claim):  # costates of a degree in the times
+        bits, degree = 2**COSTATE_BITS, 2 * curve + 2 * self.order - 1
         centre = [sum(c) / len(corners) for c in zip(*corners, strict=True)]
-        y = self.best(centre)
-        bits = 2**COSTATE_BITS
-        fixed = [[int(v * bits) for v in row] for row in y]
-        degree = 2 * self.order - 1
-        count = len(exponents(len(corners), degree))
-        # the best multiple of y, in floating point: (y·c)/(largest y'Gy)
-        for factor in self.multiples(corners, fixed, bits):
-            table = [[int(v * factor) for v in row] for row in fixed]
-            low = self.smallest(corners, degree, [table] * count, bits, claim)
-            if low >= 1:
-                return low
-        degree += 2 * CURVED
-        weights, under = interpolation(len(corners), degree)
+        weights, under = interpolation(len(corners), curve, degree)
         nodes = []
-        for e in exponents(len(corners), CURVED):
+        for e in exponents(len(corners), curve):
             at = [
-                sum(i * c[k] for i, c in zip(e, corners, strict=True)) / CURVED
-                for k in range(self.K)
+                sum(i * c[k] for i, c in zip(e, corners, strict=True)) / curve if curve else m
+                for k, m in enumerate(centre)
             ]
-            nodes.append(self.best([max(t, CENTRE * m) for t, m in zip(at, centre, strict=True)]))
-        nodes = [[[int(v * bits) for v in row] for row in y] for y in nodes]
+            y = self.best([max(t, CENTRE * m) for t, m in zip(at, centre, strict=True)])
+            gain = sum(
+                float(w) * sum(a[j] * b[j] for a, b in zip(y, self.floats, strict=True))
+                for j, w in enumerate(self.weights)
+            )
+            if gain <= 0:
+                return Fraction(0)
+            nodes.append([[int(v / gain * bits) for v in row] for row in y])
         between = [
             [
                 [
@@ -224,58 +295,35 @@ class Front:
             ]
             for row in weights
         ]
-        return max(low, self.smallest(corners, degree, between, under * bits, claim))
-
-    def multiples(self, corners, y, bits):
-        degree = 2 * self.order - 1
-        points, unit = self.times(corners, degree)
-        matrix, under = to_bernstein(len(corners), degree)
-        unit *= SHARES
-        scale = 240 * unit ** (2 * self.order - 1)
-        squares = []
-        for times in points:
-            own = gram(self.rows[: self.equations], times, unit, self.order)
-            squares.append(
-                sum(
-                    float(w)
-                    * float(
-                        Fraction(
-                            sum(
-                                y[i][j] * y[k][j] * own[i][k]
-                                for i in range(len(own))
-                                for k in range(len(own))
-                            ),
-                            bits**2 * scale,
-                        )
-                    )
-                    for j, w in enumerate(self.weights)
-                )
-            )
-        largest = max(
-            sum(a * b for a, b in zip(row, squares, strict=True)) / under for row in matrix
-        )
-        gain = sum(
-            float(w) * y[i][j] / bits * self.floats[i][j]
-            for j, w in enumerate(self.weights)
-            for i in range(self.equations)
-        )
-        yield Fraction(gain / largest) if largest > 0 else Fraction(0)
+        gains = [sum(self.gain(table, under * bits)) for table in between]
+        return self.ratio(corners, degree, between, under * bits, gains, claim)
 
     def linear(self, corners, costates, claim):  # costates at the corners, linear in between
         bits = 2**COSTATE_BITS
         fixed = [[[int(v * bits) for v in row] for row in y] for y in costates]
         degree = 2 * self.order + 1
-        between = [
-            [
+        points, unit = self.times(corners, degree)
+        own = [self.gain(y, bits) for y in fixed]
+        between, gains = [], []
+        for e, times in zip(exponents(len(corners), degree), points, strict=True):
+            between.append(
                 [
-                    sum(i * y[r][j] for i, y in zip(e, fixed, strict=True))
-                    for j in range(len(self.weights))
+                    [
+                        sum(i * y[r][j] for i, y in zip(e, fixed, strict=True))
+                        for j in range(len(self.weights))
+                    ]
+                    for r in range(len(self.rows))
                 ]
-                for r in range(len(self.rows))
-            ]
-            for e in exponents(len(corners), degree)
-        ]
-        return self.smallest(corners, degree, between, bits * degree, claim)
+            )
+            lengths = self.lengths(times, unit)
+            gains.append(
+                sum(
+                    Fraction(i, degree) * sum(map(mul, gain, lengths))
+                    for i, gain in zip(e, own, strict=True)
+                    if i
+                )
+            )
+        return self.ratio(corners, degree, between, bits * degree, gains, claim)
 
 
 def proved(problem, claim, proof):
@@ -284,14 +332,15 @@ def proved(problem, claim, proof):
     Every simplex is compared with the claim; the least ratio counts.
     """
     order, duration = int(proof["order"][0]), Fraction(proof["duration"][0])
-    front = Front(problem, order, duration, proof["kept"], proof["limits"])
+    kept, limits, shortest = (proof[name] for name in ("kept", "limits", "shortest"))
+    front = Front(problem, order, duration, kept, limits, shortest)
     unit = (duration or 1) ** (2 * order - 1)
     goal = Fraction(claim) * unit
     entries = {}
-    for leaf, corner, row, joint, value in proof["costates"]:
-        entries.setdefault(int(leaf), []).append((int(corner), int(row), int(joint), value))
+    for leaf, row, joint, *values in proof["costates"]:
+        entries.setdefault(int(leaf), []).append((int(row), int(joint), values))
     K = front.K
-    waiting = [[[Fraction(i == k) for k in range(K)] for i in range(K)]]
+    waiting = [front.start]
     least, leaf = Fraction(1), 0
     for i, j in proof["steps"]:
         if not waiting:
@@ -309,8 +358,9 @@ def proved(problem, claim, proof):
             least = min(least, front.free(corners, goal))
         else:
             empty = [[[0] * len(front.weights) for _ in front.rows] for _ in range(K)]
-            for corner, row, joint, value in entries.get(leaf, []):
-                empty[corner][row][joint] = Fraction(value)
+            for row, joint, values in entries.get(leaf, []):
+                for corner, value in zip(empty, values, strict=True):
+                    corner[row][joint] = Fraction(value)
             least = min(least, front.linear(corners, empty, goal))
             leaf += 1
     if waiting:

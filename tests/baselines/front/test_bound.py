@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import trajopt
-from baselines.front.bound import _tamed, problem_rows, prove
+from baselines.front.bound import problem_rows, prove, shortest_times
 from baselines.front.curve import bound_with_limits
 from baselines.front.dual import free_bounds
 from baselines.front.least import least, without_limits
@@ -105,12 +105,36 @@ def test_where_many_limits_act_the_bound_is_close(name, kept):
     assert found.value * (1 - 5.1e-3) < bound.lower <= found.value
 
 
-def test_scaled_costates_prove_enough():
-    """`2 y·c − y'Gy` of a best `y` is its value `v`, of `t y` it is `(2 t − t²) v`."""
-    values = np.array([1.0, 1.5, 2.0, 1e9])
-    t = _tamed(np.ones((4, 2, 3)), values, 1.5)[:, 1, 1]
-    assert (2 * t - t**2) * values == pytest.approx(np.minimum(values, 1.5), rel=1e-6)
-    assert (t > 0).all()
+@pytest.mark.parametrize("name", ["edges-straight", "random-collinear-j7-w4-08"])
+def test_a_segment_at_its_velocity_limit_is_no_obstacle(name):
+    """Where a segment can hardly be shorter, half of all times are impossible: once 29 % apart."""
+    problem = load(name)
+    fastest = incumbent(problem, 10.0)
+    found = least(problem, "jerk", 1.2 * fastest.duration, fastest.trajectory)
+    bound = bound_with_limits(problem, "jerk", found, 20.0)
+    assert bound.closed
+    assert found.value * (1 - 5.1e-3) < bound.lower <= found.value
+
+
+def test_shortest_times_are_closed_forms():
+    """From rest 2 to 1/2 m/s² (1/4 s and 1/16 m to 1/2 m/s), at 1/2 m/s, then braking with 1."""
+    limits = Limits([[-1.0, 0.5]], [[-1.0, 2.0]])
+    problem = Problem([[0.0], [1.0], [3.0], [3.125]], limits)
+    found = shortest_times(problem, np.arange(4))
+    assert found == pytest.approx([0.25 + (1 - 1 / 16) / 0.5, 4.0, 0.5], rel=1e-8)
+    back = Problem(-np.array([[0.0], [2.0], [2.125]]), limits)
+    assert shortest_times(back, np.arange(3)) == pytest.approx(
+        [1 + 1.5, (2 * 0.125 / 2) ** 0.5], rel=1e-8
+    )
+
+
+def test_four_segments_are_proved():
+    """Costates that gain 1 change little with the times; the best ones change a thousandfold."""
+    walk = np.cumsum(np.random.default_rng(1).normal(size=(5, 7)), axis=0)
+    problem = Problem(walk, Limits([1e6] * 7, [1e6] * 7))
+    value, bound = bounded(problem, within=2e-2, seconds=30.0)
+    assert bound.closed
+    assert value * (1 - 2.01e-2) < bound.lower <= value
 
 
 @pytest.mark.parametrize("seed", range(6))
