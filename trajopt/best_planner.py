@@ -24,6 +24,8 @@ from trajopt.planners.registry import load, named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 OPTIMUM_RTOL = 1e-4  # an answer this close to the proved bound, relative, is called the optimum
+# Of answers without a motion the lowest one is shown; all other statuses are 1.
+_ORDER = {Status.INFEASIBLE: 0, Status.UNSUPPORTED: 2}
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,9 @@ def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
     if not trials:
         raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
     durations = [own.certified_duration or np.inf for own in trials]
-    # among equal ones the last: its answer may be a proof that no motion exists
-    numbers = range(len(trials))
-    tried = [own.status is not Status.UNSUPPORTED for own in trials]
-    chosen = min(numbers, key=lambda own: (durations[own], not tried[own], -own))
+    # without a motion: a proof that there is none, else the first failure, else the first refusal
+    order = [_ORDER.get(own.status, 1) for own in trials]
+    chosen = min(range(len(trials)), key=lambda own: (durations[own], order[own], own))
     proved = end_to_end_bound(problem)
     record = records.find(problem)
     if record is not None:
