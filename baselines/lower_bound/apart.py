@@ -1,11 +1,9 @@
-"""Leave out waypoints that would make a lower bound's proof impossible.
+"""The waypoints that a lower bound counts: without a waypoint a problem is a relaxation.
 
-Without a waypoint a problem is a relaxation, so the bound stays valid. Waypoints that a motion may
-miss by rounding are left out (`trajopt.core.resolution`). A tolerance makes a box around each
-waypoint. A segment between two boxes that overlap may take no time, and its inverse time, a
-variable of the proof, has no upper bound. So a waypoint is left out if its box overlaps the box of
-the waypoint before it, or that of the next one at which the motion waits or ends. It stays if there
-is a least time between the two.
+Those that rounding may miss are left out (`trajopt.core.resolution`). Where many boxes of waypoints
+within tolerance overlap, the segments between may take no time, each a case of the proof. A proof
+without those whose boxes do not leave the box before them, or the next point at which the motion
+waits or ends, has fewer cases.
 """
 
 from __future__ import annotations
@@ -16,26 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core.arrays import Bools
+from baselines.lower_bound.relaxation import APART
+from trajopt.core.arrays import Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared, thinned
 
-# Two boxes count as apart if their centres differ, in some joint, by more than this factor times
-# the sum of both half widths.
-APART = 1025 / 1024
-
 
 def counted(problem: Problem) -> Bools:
-    """Return which waypoints the relaxation keeps, `(waypoints,)`.
+    """Return which waypoints are enough for most of a bound, `(waypoints,)`.
 
     Args:
         problem: Without consecutive identical waypoints.
     """
-    found = ~spared(problem)
     if "tolerance" not in problem.demands:
-        return found
+        return ~spared(problem)
     r = problem.route.demand("tolerance")
 
     demand = problem.route.demand
@@ -58,22 +52,27 @@ def counted(problem: Problem) -> Bools:
     return np.isin(np.arange(len(stays)), kept)
 
 
-def relaxed(problem: Problem) -> Problem:
-    """Return the problem through the waypoints that the relaxation keeps.
+def relaxed(problem: Problem, waypoints: Indices | None = None) -> Problem:
+    """Return the problem through some of its waypoints, of which it is a relaxation.
+
+    Args:
+        problem: Without consecutive identical waypoints.
+        waypoints: Numbers from 0, rising; by default all but those that rounding may miss.
 
     Raises:
-        InvalidInput: Even so, a segment could take no time within the tolerance.
+        InvalidInput: An end is not among them, or a waypoint at which the motion waits.
     """
-    if "tolerance" not in problem.demands:
+    if waypoints is None:
         return thinned(problem)
-    kept = counted(problem)
-    found = problem if kept.all() else replace(problem.at(kept), limits=_widest(problem, kept))
-    r = found.route.demand("tolerance")
-    times = found.route.demand("least_times") + found.route.demand("given_times")
-    ways = np.abs(found.displacements) > r[:-1] + r[1:]
-    if not (ways.any(axis=1) | (times > 0)).all():
-        raise InvalidInput("tolerance", "waypoints that no instant passes together")
-    return found
+    stays = problem.route.demand("dwell") > 0
+    stays[[0, -1]] = True
+    rising = len(waypoints) > 1 and bool((np.diff(waypoints) > 0).all())
+    inside = rising and waypoints[0] == 0 and waypoints[-1] == len(stays) - 1
+    kept = np.isin(np.arange(len(stays)), waypoints)
+    if not inside or not kept[stays].all():
+        right = "numbers that rise from the first waypoint to the last, through all with a wait"
+        raise InvalidInput("waypoints", right, value=waypoints.tolist())
+    return problem if kept.all() else replace(problem.at(kept), limits=_widest(problem, kept))
 
 
 def _widest(problem: Problem, kept: Bools) -> Limits:

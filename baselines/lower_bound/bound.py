@@ -17,11 +17,12 @@ import numpy as np
 
 from baselines.lower_bound import ratio_boxes
 from baselines.lower_bound.apart import counted, relaxed
-from baselines.lower_bound.branching import branch_and_bound
+from baselines.lower_bound.branching import MAX_IDLE_SPLITS, ProvedBound, branch_and_bound
 from baselines.lower_bound.dual_check import BoundProof
 from baselines.lower_bound.incumbent import Incumbent, incumbent, kept
 from baselines.lower_bound.ratio_boxes import RatioProof
 from baselines.sizes import cells, described
+from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
@@ -37,6 +38,8 @@ _MIN_TIME_LIMIT_S = 1.0
 _INCUMBENT_SHARE = 0.3
 # Time of one linear program and one start of `exact`, s per segment and joint (measured).
 _SECONDS_PER_CELL = 5e-3
+# Splits without progress before all waypoints count.
+_FEW_IDLE_SPLITS = 3
 # Rounding by which a verified duration may exceed the solver's, relative.
 _ROUNDING_RTOL = 1e-9
 
@@ -130,28 +133,67 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
         if closed_form > given * (1 + _ROUNDING_RTOL):
             return _impossible(given, closed_form, None)
         known = given * (1 + within) ** 2
-    try:
-        relaxation = relaxed(problem)
-    except InvalidInput:
-        return _bound(end_to_end_bound(problem), best, within, "stopped: no progress", None)
-    motion = None
     if best is not None:
         known = best.duration
-        passed = best.trajectory.waypoint_times[counted(problem)]
+    lower, proof = 0.0, None
+    for waypoints in _choices(problem):
+        outcome = _searched(problem, waypoints, known / (1 + within), within, late, best)
+        if outcome is not None and outcome.lower_bound > lower:
+            lower, proof = outcome.lower_bound, outcome.proof
+        if late() or lower * (1 + within) * (1 + _ROUNDING_RTOL) >= known:
+            break
+    if "given_times" in problem.demands and lower > given * (1 + _ROUNDING_RTOL):
+        return _impossible(given, lower, proof)
+    if proof is None:
+        lower = end_to_end_bound(problem)
+    word = "time limit" if late() else "stopped: no progress"
+    bound = _bound(lower, best, within, word, proof)
+    if proof is None or not proof.waypoints.size:
+        return bound
+    numbers = np.setdiff1d(np.arange(len(problem.waypoints)), proof.waypoints) + 1
+    said = "the bound leaves out waypoints that others' tolerances overlap: "
+    return replace(bound, message=said + ", ".join(map(str, numbers.tolist())))
+
+
+def _choices(problem: Problem) -> list[Indices | None]:
+    """Return the waypoints to count, numbers from 0: all (None), or without what others imply."""
+    if "tolerance" not in problem.demands:
+        return [None]
+    kept = counted(problem)
+    if kept.all():
+        return [None]
+    fewer = np.flatnonzero(kept)
+    return [fewer, None]
+
+
+def _searched(
+    problem: Problem,
+    waypoints: Indices | None,
+    target: float,
+    within: float,
+    late: Callable[[], bool],
+    best: Incumbent | None,
+) -> ProvedBound | None:
+    """Return what a search proves that counts these waypoints; None where nothing moves."""
+    try:
+        relaxation = relaxed(problem, waypoints)
+    except InvalidInput:
+        return None
+    motion = None
+    if best is not None:
+        places = (
+            np.flatnonzero(counted(problem)) if "tolerance" not in problem.demands else waypoints
+        )
+        times = best.trajectory.waypoint_times
+        passed = times if places is None else times[places]
         motion = replace(best.trajectory, waypoint_times=passed)
         motion = RESTING_JOINTS.reduced(relaxation, motion)
     moving = RESTING_JOINTS.apply(relaxation)
-    outcome = branch_and_bound(moving, known / (1 + within), within, late, motion)
-    dropped = np.flatnonzero(~counted(problem)) + 1
-    if "given_times" in problem.demands and outcome.lower_bound > given * (1 + _ROUNDING_RTOL):
-        return _impossible(given, outcome.lower_bound, outcome.proof)
-    word = "time limit" if late() else "stopped: no progress"
-    bound = _bound(outcome.lower_bound, best, within, word, outcome.proof)
-    if "tolerance" not in problem.demands or not len(dropped):
-        return bound
-    numbers = ", ".join(map(str, dropped))
-    said = f"the bound leaves out waypoints that others' tolerances overlap: {numbers}"
-    return replace(bound, message=said)
+    idle_splits = MAX_IDLE_SPLITS if waypoints is None else _FEW_IDLE_SPLITS
+    found = branch_and_bound(moving, target, within, late, motion, idle_splits)
+    if waypoints is None:
+        return found
+    return found._replace(proof=replace(found.proof, waypoints=waypoints.astype(float)))
 
 
 def _impossible(given: float, lower: float, proof: BoundProof | None) -> Bound:

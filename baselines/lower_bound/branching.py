@@ -18,12 +18,12 @@ import numpy as np
 
 from baselines.linear_programs import LinearOptimum
 from baselines.lower_bound import dual_check, extremal, jerk_rows
-from baselines.lower_bound.costates import Cut
+from baselines.lower_bound.costates import SLOPE, Cut
 from baselines.lower_bound.dual_check import BoundProof
 from baselines.lower_bound.relaxation import Relaxation, VariableBounds
 from baselines.lower_bound.row_pool import RowPool, Tangent
 from baselines.lower_bound.separation import Separation
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
@@ -52,9 +52,11 @@ _MIN_VIOLATION = 1e-8
 # Least progress of the bound for another round or split, relative to its distance from the target.
 _MIN_PROGRESS = 0.01
 # Splits without that progress before the search gives up.
-_MAX_IDLE_SPLITS = 24
+MAX_IDLE_SPLITS = 24
 # Index of the cut-off's inequality among those of a box.
 _CUTOFF_ROW = 0
+# Segments that can take no time are split where all of them together take this share of the gap.
+_INSTANT_SHARE = 0.125
 # Factor by which a scaled ray exceeds what proves the cut-off.
 _RAY_FACTOR = 4.0
 # Least distance of a split from the box's sides, relative to the box's width.
@@ -103,6 +105,7 @@ def branch_and_bound(
     gap: float,
     late: Callable[[], bool],
     motion: Trajectory | None = None,
+    idle_splits: int = MAX_IDLE_SPLITS,
 ) -> ProvedBound:
     """Prove that no motion is shorter than the target, or than less if the time is over first.
 
@@ -112,6 +115,7 @@ def branch_and_bound(
         gap: Relative distance of the target from the fastest motion known; it sets the tolerances.
         late: Returns whether the time limit is over.
         motion: A motion near the optimum; the first inequalities are those active at it.
+        idle_splits: Splits without progress before the search gives up.
 
     Raises:
         MissingBackend: HiGHS is not installed.
@@ -127,7 +131,7 @@ def branch_and_bound(
     while dual_check.is_empty(relaxation.root_box()):
         cutoff *= _LONGER_CUTOFF
         relaxation = Relaxation.of(problem, cutoff)
-    search = _BranchAndBound(relaxation, target, gap, late)
+    search = _BranchAndBound(relaxation, target, gap, late, idle_splits)
     if motion is not None:
         search.add_active_rows(relaxation.at(problem, motion))
     try:
@@ -136,7 +140,7 @@ def branch_and_bound(
         if motion is None:
             raise
         # HiGHS has broken down on the motion's rows
-        return branch_and_bound(problem, asked, gap, late)
+        return branch_and_bound(problem, asked, gap, late, None, idle_splits)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
     return ProvedBound(lower_bound, proof, search.splits, search.pool.programs)
@@ -146,14 +150,22 @@ class _BranchAndBound:
     """The linear program with all inequalities found so far, and the tree of boxes."""
 
     def __init__(
-        self, relaxation: Relaxation, target: float, gap: float, late: Callable[[], bool]
+        self,
+        relaxation: Relaxation,
+        target: float,
+        gap: float,
+        late: Callable[[], bool],
+        idle_splits: int,
     ) -> None:
         self.relaxation = relaxation
+        self.idle_splits = idle_splits
         self.late = late
         self.target = target / relaxation.time_unit
         self.least_violation = max(_FINAL_VIOLATION_SHARE * gap, _MIN_VIOLATION)
         self.total = relaxation.total()
         self.splits = 0
+        instants = max(len(relaxation.instants), 1)
+        self.instant = _INSTANT_SHARE * gap * relaxation.cutoff / instants
         box = relaxation.root_box()
         self.pool = RowPool(relaxation, box)
         limited = np.isfinite(relaxation.below) | np.isfinite(relaxation.above)
@@ -167,7 +179,7 @@ class _BranchAndBound:
             for place in np.argwhere(limited).tolist()
         ]
         for segment in range(relaxation.segments):
-            ends = (box.low[segment], box.high[segment])
+            ends = (box.low[segment] or self.instant, box.high[segment])
             for at in np.linspace(*ends, _TANGENTS_PER_SEGMENT).tolist():
                 self.pool.add([Tangent(segment, at)])
 
@@ -190,7 +202,7 @@ class _BranchAndBound:
         pending = [(root.bound, next(order), root)]
         best = root.bound
         idle_splits = 0
-        while not self.late() and idle_splits < _MAX_IDLE_SPLITS:
+        while not self.late() and idle_splits < self.idle_splits:
             bound, _, node = heapq.heappop(pending)
             if bound >= self.target or not self._widths(node.box).any():
                 break
@@ -343,11 +355,20 @@ class _BranchAndBound:
         answer = self.pool.minimised(self.total)
         widths = self._widths(node.box)
         column = int(widths.argmax())
-        place = 0.5 * (node.box.low + node.box.high) if answer.x is None else answer.x
+        times = self.relaxation.time
+        middle = 0.5 * (node.box.low[times] + node.box.high[times])
+        place = middle if answer.x is None else answer.x
         margin = _SPLIT_MARGIN * widths[column]
         low = node.box.low[column] + margin
         high = node.box.high[column] - margin
         value = float(np.clip(place[column], low, high))
+        instants = self.relaxation.instants
+        undecided = instants[
+            (node.box.low[instants] < self.instant) & (node.box.high[instants] > self.instant)
+        ]
+        if len(undecided):
+            column = int(undecided[place[undecided].argmin()])
+            value = self.instant
         boxes = dual_check.branched(self.relaxation, node.box, column, value)
         node.children = tuple(_Node(box, node.bound, leaf=node.leaf) for box in boxes)
         node.steps.append(_Step(dual_check.BRANCH, column, value, *_NO_ROWS))
@@ -359,6 +380,9 @@ class _BranchAndBound:
         """Add the inequalities that a point violates; return their number."""
         relaxation = self.relaxation
         before = len(self.pool.found)
+        brief = np.isinf(self.pool.box.high[relaxation.inverse])
+        if brief.any():
+            x = self._on_curve(x, brief)
         times = x[relaxation.time]
         least = max(violation / 10, _MIN_TANGENT_VIOLATION)
         below = np.flatnonzero(x[relaxation.inverse] * times < 1 - least)
@@ -366,15 +390,19 @@ class _BranchAndBound:
         self.pool.add_violated(tangents, x)
         if relaxation.jerky.any():
             squares = jerk_rows.square_tangents(relaxation, x, self.pool.box)
+            squares = [square for square in squares if not brief[square.segment]]
             self.pool.add_violated(squares, x)
             self.pool.add_violated(jerk_rows.violated_ramps(relaxation, x), x)
         cuts = extremal.violated(relaxation, x, violation / 2)
+        # of a segment that may take no time only rows without the displacement say something
+        cuts = [cut for cut in cuts if not brief[cut.segment] or not cut.cells[:, SLOPE:].any()]
         done = {(cut.segment, cut.joint) for cut in cuts}
         for separation in self.separations:
             if self.late():
                 break
             place = (separation.segment, separation.joint)
-            cells = None if place in done else separation.most_violated(x, violation)
+            known = place in done or brief[separation.segment]
+            cells = None if known else separation.most_violated(x, violation)
             if cells is not None:
                 cuts.append(Cut(*place, cells))
         self.pool.add_violated(cuts, x)
@@ -383,19 +411,32 @@ class _BranchAndBound:
     def add_active_rows(self, x: Array) -> None:
         """Add the inequalities that are active at a motion's times, velocities, accelerations."""
         relaxation = self.relaxation
-        times = x[relaxation.time]
-        exact = x.copy()
-        exact[relaxation.inverse] = 1 / times
+        exact = self._on_curve(x, np.ones(relaxation.segments, dtype=bool))
+        times = exact[relaxation.time]
         exact[relaxation.square] = times**2
         a = x[relaxation.acceleration]
         exact[relaxation.before] = a * times[relaxation.segment_before, None]
         exact[relaxation.after] = a * times[relaxation.segment_after, None]
-        if relaxation.tolerant:
-            offset, inverse = x[relaxation.offset], exact[relaxation.inverse][:, None]
-            exact[relaxation.offset_before] = offset * inverse[relaxation.segment_before]
-            exact[relaxation.offset_after] = offset * inverse[relaxation.segment_after]
         self.pool.add([Tangent(segment, at) for segment, at in enumerate(times.tolist())])
         self.pool.add(extremal.violated(relaxation, exact, -_ACTIVE_TOLERANCE))
+
+    def _on_curve(self, x: Array, segments: Bools) -> Array:
+        """A point with `S = 1/T` of some segments, and offsets times that; no time is 0."""
+        relaxation = self.relaxation
+        exact = x.copy()
+        time, inverse = relaxation.time[segments], relaxation.inverse[segments]
+        exact[time] = np.where(x[time] > 0, x[time], self.instant)
+        exact[inverse] = 1 / exact[time]
+        if relaxation.tolerant:
+            offset, by = x[relaxation.offset], exact[relaxation.inverse][:, None]
+            before, after = relaxation.segment_before, relaxation.segment_after
+            for product, beside in (
+                (relaxation.offset_before, before),
+                (relaxation.offset_after, after),
+            ):
+                own = segments[beside]
+                exact[product[own]] = (offset * by[beside])[own]
+        return exact
 
     # --- the proof ---
 

@@ -62,6 +62,8 @@ class BoundProof:
         ramps: Segment, joint and side of each ramp of `jerk_rows`, `(ramps, 3)`; optional.
         cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
         cells: Their cells one after the other, `(cells, 7)`: those of `costates.row` without rates.
+        waypoints: Numbers of the waypoints that it counts, from 0, `(waypoints,)`; optional, by
+            default all but those that rounding may miss.
         rates: Number of a cell and the rate of its `λ`, `(rates, 2)`; optional, 0 elsewhere.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
             move a side of the box to the value, or as far as the multipliers prove if that is less
@@ -81,12 +83,14 @@ class BoundProof:
     square_tangents: Array = field(default_factory=lambda: np.zeros((0, 2)))
     ramps: Array = field(default_factory=lambda: np.zeros((0, 3)))
     rates: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    waypoints: Array = field(default_factory=lambda: np.zeros(0))
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by the names under which a trial stores them."""
         stored = {_PREFIX + name: value for name, value in vars(self).items()}
-        if not self.rates.size:
-            del stored[_PREFIX + "rates"]
+        for name in ("rates", "waypoints"):
+            if not stored[_PREFIX + name].size:
+                del stored[_PREFIX + name]
         return stored
 
     @classmethod
@@ -128,6 +132,7 @@ _SHAPES = {
     "square_tangents": 2,
     "ramps": 3,
     "rates": 2,
+    "waypoints": 0,
 }
 
 
@@ -148,9 +153,10 @@ _WHOLE = {
     "square_tangents": [0],
     "ramps": [0, 1, 2],
     "rates": [0],
+    "waypoints": slice(None),
 }
 # Tables that a proof may lack.
-_LATER = ("square_tangents", "ramps", "rates")
+_LATER = ("square_tangents", "ramps", "rates", "waypoints")
 
 
 class _ProofRows(NamedTuple):
@@ -181,7 +187,8 @@ def proved_bound(problem: Problem, proof: BoundProof) -> float:
     try:
         # without overflow or underflow an operation's error is half a unit in its last place
         with np.errstate(all="raise"):
-            through = relaxed(SIMPLEST.apply(problem))
+            numbers = proof.waypoints.astype(np.intp) if proof.waypoints.size else None
+            through = relaxed(SIMPLEST.apply(problem), numbers)
             relaxation = relaxation_of(RESTING_JOINTS.apply(through), proof)
             rows = _proof_rows(relaxation, proof)
             lowest = _walked(relaxation, rows, proof)
@@ -342,6 +349,11 @@ def dual_bound(
         multipliers: `(rows,)`; negative ones count as 0.
     """
     y = np.maximum(multipliers, 0.0)
+    unbounded = np.isinf(box.high)
+    if unbounded.any():
+        # where a segment may take no time, its inverse bounds nothing
+        y = np.where((unbounded[rows.columns] & (rows.coefficients != 0)).any(axis=1), 0.0, y)
+        box = VariableBounds(*(np.where(unbounded, 0.0, side) for side in box))
     terms = y[:, None] * rows.coefficients
     places = rows.columns.ravel()
     variables = len(objective)

@@ -29,6 +29,8 @@ ROUNDING_RTOL = 2.0**-48
 # Entries of a row of costates: T, S, Q of a segment and the states at its ends.
 ROW_ENTRIES = 7
 _MCCORMICK_ROWS = 4
+# Boxes are apart where their centres are, in some joint, this many times both half widths.
+APART = 1025 / 1024
 
 
 class BoundConstraints(NamedTuple):
@@ -80,6 +82,7 @@ class Relaxation:
         least: Least times of the segments, `(segments,)`; given times are least times too.
         tolerance: Largest offsets of the waypoints that have a state, `(states, joints)`.
         reduced: Largest decrease of each displacement by these offsets, `(segments, joints)`.
+        instants: Indices of the segments that can take next to no time, `(instants,)`.
         given_times: Given times of the segments, 0 where there is none, `(segments,)`.
         waits: Times at rest at the waypoints, s, `(waypoints,)`. They are not part of any variable;
             they add to the bound.
@@ -147,6 +150,8 @@ class Relaxation:
         self.given_times = problem.route.demand("given_times") / time_unit
         self.least = problem.route.demand("least_times") / time_unit + self.given_times
         self.waits = problem.route.demand("dwell")
+        overlaps = (np.abs(self.h) <= APART * self.reduced).all(axis=1) & (self.least == 0)
+        self.instants = np.flatnonzero(overlaps)
         self._count_variables()
 
     @classmethod
@@ -299,6 +304,7 @@ class Relaxation:
         least = np.abs(self.h)
         if self.tolerant:
             least = least - self.reduced - ROUNDING_RTOL * (least + self.reduced)
+            least = np.maximum(least, 0.0)  # boxes may overlap
         forwards = np.copysign(least, self.h) / self.v[1]
         backwards = np.copysign(least, -self.h) / self.v[0]
         shortest = np.maximum(forwards, backwards).max(axis=1)
@@ -322,13 +328,18 @@ class Relaxation:
         return self.completed(VariableBounds(low, high))
 
     def completed(self, box: VariableBounds) -> VariableBounds:
-        """Return the box with the bounds of `S`, `Q` and `a T` that follow from the others."""
+        """Return the box with the bounds of `S`, `Q` and `a T` that follow from the others.
+
+        Where `T` may be 0, `S` and what is multiplied by it have infinite ones: rows that hold them
+        say nothing (`dual_check.dual_bound`).
+        """
         low = box.low.copy()
         high = box.high.copy()
         shortest = low[self.time]
         longest = high[self.time]
         low[self.inverse] = (1 - ROUNDING_RTOL) / longest
-        high[self.inverse] = (1 + ROUNDING_RTOL) / shortest
+        brief = shortest <= 0
+        high[self.inverse] = (1 + ROUNDING_RTOL) / np.where(brief, 1.0, shortest)
         low[self.square] = (1 - ROUNDING_RTOL) * shortest**2
         high[self.square] = (1 + ROUNDING_RTOL) * longest**2
         sides = ((self.before, self.segment_before), (self.after, self.segment_after))
@@ -346,8 +357,10 @@ class Relaxation:
             least, most = _products(
                 low[self.offset], high[self.offset], low[inverse], high[inverse]
             )
-            low[side] = least
-            high[side] = most
+            low[side] = np.where(brief[neighbours, None], -np.inf, least)
+            high[side] = np.where(brief[neighbours, None], np.inf, most)
+        low[self.inverse[brief]] = -np.inf
+        high[self.inverse[brief]] = np.inf
         return VariableBounds(low, high)
 
     def _offset_sides(self) -> list[tuple[Indices, Indices]]:
@@ -357,8 +370,8 @@ class Relaxation:
         return [(self.offset_before, self.segment_before), (self.offset_after, self.segment_after)]
 
     def box_rows(self, box: VariableBounds) -> BoundConstraints:
-        """Return the inequalities of a box: the cut-off, then secants, then McCormick's."""
-        parts = (self._cutoff_row(), self._secants(box), self._mccormick(box))
+        """Return the inequalities of a box: the cut-off, secants, McCormick's, then ways."""
+        parts = (self._cutoff_row(), self._secants(box), self._mccormick(box), self._ways())
         return joined(parts)
 
     @property
@@ -426,6 +439,7 @@ class Relaxation:
                 corner = slice(place, None, _MCCORMICK_ROWS)
                 x = of_acceleration[accelerations]
                 t = of_time[times]
+                t = np.where(np.isfinite(t), t, 0.0)  # such a row says nothing
                 rows.columns[corner, 0] = products
                 rows.columns[corner, 1] = times
                 rows.columns[corner, 2] = accelerations
@@ -435,6 +449,23 @@ class Relaxation:
                 rows.bounds[corner] = -sign * x * t
             parts.append(rows)
         return joined(parts)
+
+    def _ways(self) -> BoundConstraints:
+        """`h + p₁ − p₀ ≤ V T` of segments that may take no time, upwards and downwards."""
+        rows = self.blank(2 * len(self.instants) * self.joints)
+        number = 0
+        for segment in self.instants.tolist():
+            ends = self._at_ends(self.offset, self.offset)[:, segment]
+            for joint in range(self.joints):
+                for side, sign in ((0, -1.0), (1, 1.0)):
+                    start, end = ends[:, joint]
+                    rows.columns[number, :3] = self.time[segment], start, end
+                    rows.coefficients[number, 0] = -self.v[side, segment, joint]
+                    moves = np.array([start, end]) != self.nothing
+                    rows.coefficients[number, 1:3] = np.where(moves, [-sign, sign], 0.0)
+                    rows.bounds[number] = -sign * self.h[segment, joint]
+                    number += 1
+        return rows
 
     def tangent(self, segment: int, at: float) -> BoundConstraints:
         """Return the tangent to `1/T` at `t > 0`: `S ≥ 2/t − T/t²`, or `−T − t² S ≤ −2t`."""

@@ -29,7 +29,7 @@ from baselines.lower_bound.relaxation import (
     joined,
     powers_of_two,
 )
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array, Bools, Indices
 
 # A row without a multiplier in this many programs is dropped; number of programs between checks.
 _MAX_IDLE_PROGRAMS = 40
@@ -100,8 +100,13 @@ class RowPool:
             self.box.low / self.units,
             self.box.high / self.units,
             matrix=scipy.sparse.csr_matrix((rows.coefficients[used], places), shape),
-            above=rows.bounds,
+            above=np.where(self._says_something(rows), rows.bounds, np.inf),
         )
+
+    def _says_something(self, rows: BoundConstraints) -> Bools:
+        """Return which rows have no variable whose bounds are infinite."""
+        unbounded = np.isinf(self.box.high)[rows.columns]
+        return np.asarray(~(unbounded & (rows.coefficients != 0)).any(axis=1))
 
     def _in_units(self, rows: BoundConstraints) -> tuple[BoundConstraints, Array]:
         """Return rows in the program's units, and the unit of each."""
@@ -202,8 +207,9 @@ class RowPool:
         """Append a row to the program; return whether HiGHS accepts its numbers."""
         scaled, row_unit = self._in_units(row)
         used = scaled.columns[0] != self.relaxation.nothing
+        above = float(scaled.bounds[0]) if self._says_something(row).all() else np.inf
         accepted = self.program.add_row(
-            scaled.columns[0, used], scaled.coefficients[0, used], float(scaled.bounds[0])
+            scaled.columns[0, used], scaled.coefficients[0, used], above
         )
         if accepted:
             self.row_units = np.append(self.row_units, row_unit)
@@ -255,5 +261,6 @@ def _table(rows: Sequence[Sequence[float]], columns: int) -> Array:
 
 
 def _farthest(box: VariableBounds) -> Array:
-    """Return the powers of two next to the largest sizes of a box's variables."""
-    return powers_of_two(np.maximum(np.abs(box.low), np.abs(box.high)))
+    """Return the powers of two next to the largest sizes of a box's variables, if finite."""
+    sizes = np.maximum(np.abs(box.low), np.abs(box.high))
+    return powers_of_two(np.where(np.isfinite(sizes), sizes, 1.0))

@@ -114,20 +114,6 @@ def exact(points, changes):  # leave out points between brief steps in line, see
     return [k for k in range(len(points)) if k not in spared]
 
 
-def apart(points, room, waits, least):  # leave out points whose boxes overlap a neighbour's
-    def is_apart(i, k):
-        ways = zip(points[i], points[k], room[i], room[k], strict=True)
-        return any(least[i:k]) or any(abs(x - y) > APART * (r + s) for x, y, r, s in ways)
-
-    stays = [True, *(wait > 0 for wait in waits[1:-1]), True]
-    kept = [0]
-    for k in range(1, len(points)):
-        while stays[k] and not stays[kept[-1]] and not is_apart(kept[-1], k):
-            kept.pop()
-        kept += [k] if stays[k] or is_apart(kept[-1], k) else []
-    return kept
-
-
 def loosest(table):  # the widest limits of several segments
     pairs = [list(zip(*each, strict=True)) for each in zip(*table, strict=True)]
     return [
@@ -172,17 +158,20 @@ points = [points[k] for k in kept]
 rows = [[own[k - 1] for k in kept[1:]] for own in rows]
 least = [sum(least[i:k]) for i, k in pairwise(kept)]
 waits = [sum(waits[i:k]) for i, k in pairwise([*kept, len(waits)])]
-if not others:
-    changes = {k for k in range(1, len(rows[0])) if any(own[k - 1] != own[k] for own in rows)}
-    kept = exact(points, changes)
-    points = [points[k] for k in kept]
-    rows = [[own[k - 1] for k in kept[1:]] for own in rows]
-elif proof and any(map(any, room)):  # leave out waypoints whose boxes overlap
-    kept = apart(points, room, waits, least)
+if "waypoints" in proof:  # it counts these alone
+    kept = [whole(k, len(points)) for k in proof["waypoints"]]
+    stays = {0, len(points) - 1, *(k for k, wait in enumerate(waits) if wait)}
+    if kept != sorted({*kept, *stays}):
+        refuse("waypoints that do not rise from the first to the last, through all with a wait")
     points, room = ([table[k] for k in kept] for table in (points, room))
     rows = [[loosest(own[i:k]) for i, k in pairwise(kept)] for own in rows]
     least = [sum(least[i:k]) for i, k in pairwise(kept)]
     waits = [waits[k] for k in kept]
+elif not others:
+    changes = {k for k in range(1, len(rows[0])) if any(own[k - 1] != own[k] for own in rows)}
+    kept = exact(points, changes)
+    points = [points[k] for k in kept]
+    rows = [[own[k - 1] for k in kept[1:]] for own in rows]
 others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
 if digest(tables + sorted(others.items())) != said["problem"]["digest"]:
     refuse("these are another problem's numbers")
@@ -266,6 +255,9 @@ jerky = [j for j in range(N) if any(row[j] != [None, None] for row in J)]
 free = range(K - 1 + closed)  # waypoints with a state: a closed motion's last one too
 inner = [(k, j) for k in free for j in jerky]  # with an acceleration
 offset = [(k, j) for k in free for j in range(N) if room[k + 1][j]]  # with a tolerance
+overlaps = [all(abs(way[k][j]) <= APART * slack[k][j] for j in range(N)) for k in range(K)]
+instants = [k for k in range(K) if overlaps[k] and not least[k]]  # segments of no time
+instants = [(k, j, side) for k in instants for j in range(N) for side in range(2)]
 M = len(free) * N
 S, Q, v, a, before, after = K, 2 * K, 3 * K, 3 * K + M, 3 * K + 2 * M, 3 * K + 3 * M
 e, e_before, e_after = after + M, after + 2 * M, after + 3 * M  # offsets; these times S
@@ -296,7 +288,8 @@ def wall(k, j, side):  # farthest position in segment k from its start
 def root_box():
     low, high = [NONE] * before, [NONE] * before  # times, velocities, accelerations
     for k, row in enumerate(way):
-        shortest = [down((abs(h) - slack[k][j]) / V[k][j][h > 0]) for j, h in enumerate(row)]
+        ways = [(max(abs(h) - slack[k][j], NONE), V[k][j][h > 0]) for j, h in enumerate(row)]
+        shortest = [down(h / v) for h, v in ways]
         low[k] = max(least[k] / unit, *shortest)
         high[k] = least[k] / unit if given else U
     for k, j in ((k, j) for k in free for j in range(N)):
@@ -314,7 +307,7 @@ def sides(x, low, high):  # bounds of any variable, from those of the box
     if x < S or v <= x < before:
         return low[x], high[x]
     if x < Q:
-        return down(1 / high[x - S]), up(1 / low[x - S])
+        return (down(1 / high[x - S]), up(1 / low[x - S])) if low[x - S] > 0 else (-inf, inf)
     if x < v:
         return low[x - Q] ** 2, high[x - Q] ** 2
     place = (x - before) % M
@@ -323,6 +316,8 @@ def sides(x, low, high):  # bounds of any variable, from those of the box
         r = room[place // N + 1][place % N]
         if x < e_before:
             return -r, r
+        if low[k] <= 0:
+            return -inf, inf
         return -r * up(1 / low[k]), r * up(1 / low[k])
     corners = [y * t for y in (low[a + place], high[a + place]) for t in (low[k], high[k])]
     return min(corners), max(corners)
@@ -453,6 +448,15 @@ def near_corner(i, low, high):  # an offset times S likewise
     return {product: sign, inverse: -sign * x, e + place: -sign * t}, -sign * x * t
 
 
+def passed(k, j, side):  # h + p₁ − p₀ ≤ V T, where a segment may take no time
+    sign = 1 if side else -1
+    row = {k: -V[k][j][side]}
+    for own, changes in ((k - 1, -sign), (k, sign)):
+        if own % K in free and (own >= 0 or closed):
+            row[e + own % K * N + j] = changes
+    return row, -sign * way[k][j]
+
+
 squares = [(whole(k, K), t) for k, t in proof.get("square_tangents", [])]
 others = [({(k := whole(at, K)): -1, S + k: -(t**2)}, -2 * t) for at, t in proof["tangents"]]
 for k, j, side in proof.get("ramps", []):
@@ -483,6 +487,9 @@ def row(i, low, high):
     if i < 8 * len(offset):
         return near_corner(i, low, high)
     i -= 8 * len(offset)
+    if i < len(instants):
+        return passed(*instants[i])
+    i -= len(instants)
     if i < len(squares):  # (h − T) (T − t)² / T ≥ 0
         k, t = squares[i]
         h = high[k]
@@ -500,8 +507,8 @@ def is_empty(low, high):
 def bound(objective, low, high, multipliers):  # any multipliers y ≥ 0 of the rows give one
     coefficients, constant = dict(objective), 0
     for i, y in multipliers:
-        if y > 0:
-            own, largest = row(i, low, high)
+        own, largest = row(i, low, high)
+        if y > 0 and not any(c and sides(x, low, high)[1] == inf for x, c in own.items()):
             for x, c in own.items():
                 coefficients[x] = coefficients.get(x, 0) + y * c
             constant -= y * largest
@@ -518,7 +525,7 @@ def lowered(high, x, at):
 
 
 total = dict.fromkeys(range(K), 1)
-rows = 1 + 2 * K + 8 * (len(inner) + len(offset)) + len(squares) + len(others)
+rows = 1 + 2 * K + 8 * (len(inner) + len(offset)) + len(instants) + len(squares) + len(others)
 boxes, proved, used = [root_box()], U, 0
 if is_empty(*boxes[0]):
     refuse("a cut-off below what a segment takes")
