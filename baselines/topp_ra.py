@@ -53,6 +53,9 @@ _SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
 _BREAK_RTOL = 1e-8
 # Factor on the limits if rounding makes a path infeasible whose only timing is exactly at them.
 _WIDER = 1 + 1e-6
+# Factor on the limits where the motion begins or ends with a velocity: it cannot be dilated by the
+# excess between gridpoints.
+_TIGHTER = 1 - 1e-5
 # First step of the search for knots, of the logarithm of a segment's share.
 _KNOT_STEP = 0.3
 # More than any path speed, in units of the cheapest uniform one.
@@ -249,8 +252,10 @@ def along(
     speeds = _end_speeds(problem, trajectory)
     if isinstance(speeds, str):
         return Solution(Status.UNSUPPORTED, message=speeds)
-    tries = ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER))
-    for size, wider in tries if again else tries[:1]:
+    tries = [(gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)]
+    if not problem.route.at_rest:
+        tries.insert(0, (gridpoints, _TIGHTER))
+    for size, wider in tries if again else tries[:-2]:
         solution = _along(problem.limits, trajectory, size, scale, wider, speeds)
         if solution.trajectory is not None:
             break
