@@ -112,7 +112,7 @@ def test_a_cut_log_is_judged_and_a_line_says_so(run):
     assert "kept, as far as 4 decimals at 500 Hz can tell" in text
     assert "The log is cut: no motion within it rests at both ends." in text
     assert "was verified between the velocities that it has there" in text
-    assert "No slow-down mends it" not in text
+    assert "Slowing down does not help" not in text
     limits(v=0.8)
     code, out, _ = run("verify log.csv --limits l.yaml")
     text = " ".join(out.split())

@@ -272,7 +272,7 @@ def test_a_larger_jump_is_no_motion_and_the_slow_down_is_said_beside_it(run):
     code, out, _ = run("verify m.csv --limits l.yaml", m__csv=text, l__yaml=limits)
     text = " ".join(out.split())
     assert code == 1
-    assert "No slow-down mends it: j at 1 s: velocity jumps by 0.001 rad/s." in text
+    assert "Slowing down does not help: j at 1 s: velocity jumps by 0.001 rad/s." in text
     assert "Besides, its limits need it 1.5" in text
 
 

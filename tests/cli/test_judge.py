@@ -85,7 +85,7 @@ def test_straight_lines_are_told_what_would_help(run):
     code, out, _ = run("judge slow.csv p.toml --interpolation linear")
     assert code == 1
     words = " ".join(out.split())
-    assert "No slow-down mends it" in words
+    assert "Slowing down does not help" in words
     assert "send velocities too" in words
     assert "certified" not in words
 
@@ -258,7 +258,7 @@ def test_a_motion_made_without_jerk_limits_is_judged_without_them_too(run, tmp_p
     code, out, _ = run("judge slow.csv jerky.toml")
     told = " ".join(out.split())
     assert code == 1
-    assert "No slow-down mends it: joint 1 at 1 s: acceleration jumps by 2 rad/s²" in told
+    assert "Slowing down does not help: joint 1 at 1 s: acceleration jumps by 2 rad/s²" in told
     assert "Without the jerk limits: It could run 2.000000 times as fast" in told
     assert "takes 2.0000 s on jerky without jerk limits, 2.000 times the best known" in told
     code, out, _ = run("judge slow.csv jerky.toml --json")

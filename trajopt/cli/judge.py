@@ -220,7 +220,7 @@ def _mended(certificate: Certificate) -> str:
 
 def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:
     """Say what is wrong at any speed, and what may be done."""
-    yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
+    yield f"Slowing down does not help: {'; '.join(certificate.flaws)}."
     if 1 < certificate.dilation < np.inf:
         yield f"Besides, its limits need it {certificate.dilation:.6f} times as slow."
     if interpolation in _ADVICE:

@@ -195,7 +195,7 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
 
     Velocity limits are `k` times as wide, acceleration limits `k²` times; the velocities at the
     motion's ends are `k` times as large. In the briefest segments velocities differ by less than
-    their rounding. No dilation mends that, so it is allowed.
+    their rounding. Dilation does not help there, so it is allowed.
     """
     ends = with_outer(velocities, k * scaled.end_v, scaled.closed)
     u = ends[:-1]

@@ -180,7 +180,7 @@ class FallingVelocity(Limit):
             return None
         return (
             f"{where(use, problem)}: moves where its falling velocity limit allows no motion, "
-            "which no dilation mends"
+            "whatever the dilation"
         )
 
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:

@@ -170,7 +170,7 @@ def judged(found: Judgement, folder: Path) -> Path:
     optimum = found.explanation.optimum if found.explanation else None
     verdict = f", {found.claimed_duration:#.4g} s"
     if not found.certificate.valid:
-        verdict += ", no slow-down mends it"
+        verdict += ", slowing down does not help"
     elif not found.certificate.feasible:
         verdict += f", {found.certified_duration:#.4g} s within the limits"
     figure = motions.motion(
