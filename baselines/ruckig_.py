@@ -155,7 +155,9 @@ class Sections:
         ]
         # units of the whole motion: its longest segment's time, each joint's range
         self.longest_stop = float(self.unit_times.max())
-        speeds = np.ptp(self.waypoints, axis=0) / self.longest_stop
+        ranges = np.ptp(self.waypoints, axis=0)
+        # a joint that only begins or ends in motion has no range
+        speeds = np.where(ranges > 0, ranges, ranges.max()) / self.longest_stop
         self.state_units = np.stack([speeds, speeds / self.longest_stop])[:, None]
         self.low, self.high = self._bounds()
         slack = _POSITION_RTOL * np.maximum(np.abs(self.waypoints).max(axis=0), 1)

@@ -320,3 +320,12 @@ def test_a_segment_takes_its_least_time_or_its_given_one():
     np.testing.assert_allclose(times, [0, 2.5, 6.5])
     short = RuckigStop().solve(replace(problem, demands={"given_times": [2.5, 1.9]}))
     assert short.message == "Ruckig takes 2 s for segment 2 between these states; 1.9 s are given"
+
+
+def test_a_joint_that_only_begins_in_motion_is_searched_too():
+    limits = Limits([1.0, 1.5], [2.0, 3.0])
+    demands = {"start_velocity": [0.0, 0.3]}
+    problem = Problem([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], limits, demands=demands)
+    # joint 1 from rest to rest at 1 rad/s; joint 2 is back at its place well before
+    searched = RuckigVia(evaluations=200).solve(problem).trajectory
+    assert searched.duration == pytest.approx(2.5, rel=1e-3)
