@@ -470,6 +470,10 @@ ELSEWHERE = {
     "speed": "a speed is not asked for",
     "velocity_scaling": "a speed is not asked for",
     "blend_radius": "passing near a waypoint has a name of its own",
+    "max_deviation": "passing near a waypoint has a name of its own",
+    "durations": "the planner finds the times of",
+    "time_from_start": "the planner finds the times of",
+    "periodic": "a motion that ends as it begins has a name of its own",
     "margin": "a margin is not asked for",
     "safety_factor": "a margin is not asked for",
 }

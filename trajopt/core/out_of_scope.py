@@ -61,6 +61,10 @@ _ELSEWHERE = {
     r"\w*(end|final|goal|target|boundary)_(velocit|speed|state)\w*|vf|sd_end": _AT_ENDS.format(
         "end_velocity"
     ),
+    r"(is_)?(cyclic|periodic|looped|loop|repeat(ed)?)": (
+        "a motion that ends as it begins has a name of its own in this tool; the nearest is "
+        "closed = true, beside waypoints whose last row is the first"
+    ),
     r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
         "limits of one segment have a place of their own in this tool; the nearest are "
         "tables [[limits.segment]] of a problem file, each with number (from 1) and velocity, "
@@ -68,9 +72,9 @@ _ELSEWHERE = {
     ),
     (
         r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"
-        r"((desired|target|total)_)?durations?|(desired|total)_times?"
+        r"((desired|target|total)_)?duration|(desired|total)_times?"
     ): _SPEED,
-    r"(way_?point_)?times|time_?(points|stamps)|knots": (
+    r"(way_?point_)?times|time_?(points|stamps|from_start)|((section|segment)_)?durations|knots": (
         "the planner finds the times of waypoints; the nearest is given_times, beside the "
         "waypoints of a problem file, a time per segment; or `trajopt judge`, for a motion that "
         "has times"
@@ -85,7 +89,7 @@ _ELSEWHERE = {
         "a margin is not asked for in this tool; the nearest are lower limits, by the scaling "
         "factors of a joint_limits.yaml"
     ),
-    r"blend\w*|\w*corner\w*|zones?|(path|goal)_tolerances?": (
+    r"blend\w*|\w*corner\w*|zones?|(path|goal)_tolerances?|(max_)?deviations?": (
         "passing near a waypoint has a name of its own in this tool; the nearest is tolerance, "
         "beside the waypoints of a problem file, or "
         "`trajopt judge --via-tolerance`, for a motion that passes near"
