@@ -247,7 +247,7 @@ def _by_falling(relaxation: Relaxation, given: Costates, parts: _Parts) -> _ByFa
     farthest = [-relaxation.below[place], relaxation.above[place]]
     to_wall = np.where(upwards, farthest[1][:, None], farthest[0][:, None])
     inverse = gained * np.where(parts.together, to_end, to_wall)
-    # the rounding of λ at a cell's end is a jump, and costs as one
+    # the rounding of λ at a cell's end counts as a jump
     sizes = (np.abs(parts.slope) + gained) * (np.abs(farthest[0]) + np.abs(farthest[1]))[:, None]
     sizes = sizes + gained * np.abs(to_end)
     rounding = parts.sum_rtol * offset.sum(axis=1)

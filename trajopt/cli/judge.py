@@ -219,7 +219,7 @@ def _mended(certificate: Certificate) -> str:
 
 
 def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:
-    """Say what is wrong at any speed, and what may be done."""
+    """Yield sentences about the flaws that no dilation removes, and what to do about them."""
     yield f"Slowing down does not help: {'; '.join(certificate.flaws)}."
     if 1 < certificate.dilation < np.inf:
         yield f"Besides, its limits need it {certificate.dilation:.6f} times as slow."

@@ -274,7 +274,7 @@ def _array(key: str, table: Mapping[str, Any]) -> Array:
 
 
 def check_work(rows: int, pieces: int, joints: int) -> None:
-    """Refuse polynomials that take more than seconds, or gigabytes, to judge.
+    """Refuse polynomials whose judgement would take many seconds, or gigabytes of memory.
 
     Raises:
         InvalidInput: There are more than a motion of 83,000 samples and six joints has.

@@ -40,7 +40,7 @@ Positions = Callable[[Array], tuple[Array, Array]]
 
 _FLOOR = 1e-7  # least half width, rad and rad/s: the program rounds narrower tubes away
 _UNLIMITED: Limit = (-np.inf, np.inf)
-_WAYPOINT_SHARE = 1e-7  # half width at a waypoint, relative to the joint's span; repair mends it
+_WAYPOINT_SHARE = 1e-7  # half width at a waypoint, relative to the joint's span; repair corrects it
 _MAX_NARROWINGS = 4
 _LEAST_RATE = 1e-3  # least velocity limit at any time, relative to the constant one
 _SINGLE_ROUNDS = 2  # rounds of adding knots, for one limit alone
@@ -488,11 +488,12 @@ def means_over_windows(
 ) -> Iterator[tuple[int, Array, Array, float]]:
     """Yield means of a derivative over longer and longer windows.
 
-    A divided difference of samples is a mean of the derivative between them. The half widths of the
-    samples leave a doubt about it, which is smaller over longer windows.
+    A divided difference of samples is a mean of the derivative between them. It is known within a
+    half width, from those of the samples, which is smaller for longer windows.
 
     Yields:
-        The number of samples of a window, each window's mean and doubt, and the longest window, s.
+        The number of samples of a window, each window's mean and its half width, and the longest
+        window, s.
     """
     stride = 1
     while order * stride < len(times):

@@ -57,9 +57,9 @@ BRIEF_RTOL = 1e-3
 def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """Return the motion, changed so that it passes every waypoint and does not jump.
 
-    Velocity becomes continuous, and at both ends what the route asks. So does the acceleration of
-    joints whose jerk is limited. Positions stay within their limits. Duration and waypoint times
-    stay the same, up to rounding.
+    Velocity becomes continuous, and equal to the route's velocities at both ends. So does the
+    acceleration of joints whose jerk is limited. Positions stay within their limits. Duration and
+    waypoint times stay the same, up to rounding.
 
     Args:
         problem: of as many joints and waypoints as the trajectory has.

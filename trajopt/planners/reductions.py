@@ -12,7 +12,7 @@ Some planners get all joints, with `EQUAL_WAYPOINTS` alone:
 - `smooth`, because its measure weighs joints by the units of all of them;
 - TOPP-RA and planners of other packages, which get a problem as their own users would state it.
 
-What reads a problem and brings no answer back, as the judge and the closed forms do, calls
+Code that reads a problem and returns no motion of it, like the judge and the closed forms, calls
 `Problem.merged` itself.
 """
 

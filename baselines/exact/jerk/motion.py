@@ -216,7 +216,12 @@ def _bent(
 
 
 class _Bend(NamedTuple):
-    """The program with other states, and by how many roundings its motion misses a waypoint."""
+    """The inequalities at new states, and the largest miss of a waypoint by their motion.
+
+    Attributes:
+        rows: The inequalities.
+        missed: The miss, relative to the rounding of the waypoint's coordinates.
+    """
 
     rows: JerkInequalities
     missed: float

@@ -240,7 +240,7 @@ class SSA(Optimiser):
         return drawn[:, :count]
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
-        """Evaluate the candidates of some sparrows; each takes its best one, if acceptable."""
+        """Evaluate the candidates of some sparrows; each moves to its best one, if allowed."""
         own_x, own_f = flock.place(slots)
         x = [self._inside(flock.box, own_x, place) for place in places]
         greedy = self.acceptance == "greedy"

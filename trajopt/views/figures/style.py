@@ -98,10 +98,11 @@ def places(labels: Iterable[str]) -> dict[str, int]:
 
 
 def text(name: str) -> str:
-    """A name as Matplotlib draws it, character by character.
+    """Return text that Matplotlib draws as this name, character by character.
 
-    Dollar signs start no formula, a leading underscore hides nothing from a legend, and what
-    cannot be printed (line breaks, escape sequences, lone surrogates) is a space.
+    Without it a dollar sign would start a formula, and a leading underscore would hide the name
+    from a legend. Characters that cannot be printed (line breaks, escape sequences, lone
+    surrogates) become spaces.
     """
     printable = "".join(c if c.isprintable() else " " for c in name)
     words = " ".join(printable.split())

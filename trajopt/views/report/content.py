@@ -25,7 +25,7 @@ from trajopt.views.report import lines, origin, verdict
 
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
-SYMBOLS = {  # of each mark in figures Plotly's name, and a path around (15, 5)
+SYMBOLS = {  # for each mark in figures: Plotly's name, and an SVG path around (15, 5)
     "o": ("circle", "M11.5 5a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0z"),
     "s": ("square", "M12 2h6v6h-6z"),
     "^": ("triangle-up", "M15 1l4 7h-8z"),
