@@ -150,6 +150,29 @@ def test_the_arena_says_what_its_tables_show():
     for name in own:
         assert f"{groups[names.index(name)]}th" in text
 
+    _, (heading, *body) = stored(STORED / "arena-others.csv")
+    columns = {name: [row[i] for row in body] for i, name in enumerate(heading)}
+    others = [name.strip("*") for name in columns["optimiser"]]
+    assert sorted(others) == sorted(names)
+    every = [others[i] for i, share in enumerate(columns["within 1 %"]) if share == "100 %"]
+    only = "`{}` and `{}` are the only ones within 1 % in every one of 50 runs".format(
+        *(name.split()[-1] for name in every)
+    )
+    assert only in text
+    assert f"the first of {columns['group'][-1]} groups" in text
+    for name in own:
+        assert f"`{name}` in the {columns['group'][others.index(name)]}th" in text.replace(
+            " is", ""
+        )
+    on_robots = [medians(columns[name]) for name in ("UR5e", "Panda", "KR6", "Puma", "IRB 120")]
+    halves = sorted(sorted(own)[len(own) // 2] for own in on_robots)
+    easiest = f"on the easiest one half of the optimisers end {halves[0]:.2f} % above"
+    assert easiest in text
+    assert f"on the hardest one {halves[-1]:.2f} %" in text
+    random = others.index("pymoo RandomSearch")
+    worse = [sum(gap > own[random] for gap in own) for own in on_robots]
+    assert f"on each at least {min(worse)} end farther from it than random search" in text
+
     _, (_, *body) = stored(STORED / "arena-nevergrad.csv")
     gaps = medians([gap for _, gap, _ in body])
     within = "{} came within 0.1 %, {} within 1 %".format(
