@@ -139,3 +139,18 @@ def test_those_worth_most_come_first() -> None:
     assert len(found) > 1
     for a, b in itertools.pairwise(found):
         assert (a.saving or 0.0) >= (b.saving or 0.0)
+
+
+def test_a_limit_that_opens_a_time_before_a_gap_saves_much_and_that_is_no_luck() -> None:
+    """It stops 5 mrad too far and comes back; with 1 % more it brakes before."""
+    v, A = 2.005, 2.0
+    problem = Problem([[0.0], [1.0]], Limits([9.0], [A]), demands={"start_velocity": [v]})
+    motion = Exact().solve(problem).trajectory
+    assert motion is not None
+    active = active_limits(problem, motion, Exact())
+    later = v / A + 2 * np.sqrt((v**2 / (2 * A) - 1) / A)
+    more = 1.01 * A
+    sooner = (2 * np.sqrt(more + v**2 / 2) - v) / more
+    assert [row.saving for row in active] == pytest.approx([later - sooner] * len(active))
+    assert scattered(active, motion.duration)
+    assert not scattered(active, motion.duration, dilatable=problem.route.dilatable)

@@ -166,3 +166,16 @@ def test_a_record_is_the_optimum_only_where_it_is_shorter() -> None:
         "theirs, 2026-11-22",
     )
     assert explain(problem, None, slow, ReferenceAnswer(None, "nothing")).recorded == ""
+
+
+@pytest.mark.parametrize("demands", [{"start_velocity": [0.5, -0.2]}, {"dwell": [0, 0.4, 0]}])
+def test_a_motion_in_motion_or_that_waits_has_a_timing_and_a_path(
+    demands: dict[str, object],
+) -> None:
+    waypoints = [[0, 0], [1, -0.4], [1.5, 0.5]]
+    problem = Problem(waypoints, Limits([1.0, 1.2], [2.0, 3.0]), demands=demands)
+    found = explained(problem, ToppRa(knots="chord", ends="natural"))
+    assert found.timing_gap == approx(0, abs=2e-3)
+    assert found.route_gap is not None
+    assert found.gap is not None
+    assert (1 + found.timing_gap) * (1 + found.route_gap) == approx(1 + found.gap)

@@ -86,17 +86,20 @@ def _largest_saving_first(row: ActiveLimit) -> tuple[float, int, float]:
     return (-(row.saving or 0.0), -1 if row.joint is None else row.joint, row.start)
 
 
-def scattered(rows: tuple[ActiveLimit, ...], duration: float) -> bool:
+def scattered(rows: tuple[ActiveLimit, ...], duration: float, *, dilatable: bool = True) -> bool:
     """Return whether the savings contradict each other, so that they are a solver's scatter.
 
     A wider limit cannot cost time. If all limits of degree `n` are multiplied by `c ** n`, an
-    optimum is divided by `c`, so a single limit cannot save more than that.
+    optimum is divided by `c`, so a single limit cannot save more than that, if the problem is
+    `dilatable`. Between given velocities it can: it may open a time before a gap.
     """
     slack = _SAVING_RTOL * duration
     for row in rows:
         if row.saving is None:
             continue
-        highest = _highest_saving(row.limit) * duration
+        highest = duration
+        if dilatable:
+            highest *= _highest_saving(row.limit)
         if not -slack <= row.saving <= highest + slack:
             return True
     return False

@@ -150,7 +150,7 @@ def explain(
     gaps, notes = _gaps(problem, own, optimum)
     solver, savings_are_of = _solver(planner, problem, own)
     active = active_limits(problem, own, solver)
-    if scattered(active, own.duration):
+    if scattered(active, own.duration, dilatable=problem.route.dilatable):
         savings_are_of += "; a local search: some of it is luck, no optimum changes like this"
     return Explanation(
         own.duration,
