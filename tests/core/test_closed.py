@@ -101,7 +101,10 @@ def test_a_file_says_it(tmp_path):
     assert Problem.from_toml(tmp_path / "loop.toml") == problem
     assert Problem(LOOP, LIMITS, closed=False) == Problem(LOOP, LIMITS)
     answer = RuckigStop().solve(problem)
-    assert (answer.status, answer.message) == (Status.UNSUPPORTED, "it does not know closed")
+    assert (answer.status, answer.message) == (
+        Status.UNSUPPORTED,
+        "it does not know closed motions",
+    )
 
 
 @pytest.mark.parametrize("limits", [LIMITS, JERKY])

@@ -234,6 +234,11 @@ class _Closed(Demand):
 
     _right = "true or false"
 
+    @property
+    def name(self) -> str:
+        """The demand in words: what a planner knows, or does not know."""
+        return "closed motions"
+
     def _is_right(self, item: Any) -> bool:
         return np.ndim(item) == 0 and item in (0, 1)
 
@@ -241,7 +246,7 @@ class _Closed(Demand):
         return bool(numbers)
 
     def say(self, numbers: Array, length: str) -> str:
-        return self.name
+        return self.key
 
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         others = [key for key in (*END_STATES, "dwell") if key in demands]
