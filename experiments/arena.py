@@ -291,7 +291,7 @@ def report(name: str, tables: Mapping[int, pd.DataFrame], folder: Path) -> None:
 def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
     """Draw the gaps of all entrants, the best first, one curve a budget; ours are named."""
     with mpl.rc_context({"font.size": 9}):
-        drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
+        drawing = Figure(figsize=(5.6, 4.0), layout="constrained")
         axes = drawing.subplots()
         for colour, (budget, own) in zip((SKY, BLACK), tables.items(), strict=False):
             ordered = own.sort_values("median gap")
@@ -329,7 +329,7 @@ def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
     drawn = 100 * both[np.isfinite(both).all(axis=1)].clip(lower=1e-6)
     correlation = float(spearmanr(both["x"].clip(upper=1e9), both["y"].clip(upper=1e9)).statistic)
     with mpl.rc_context({"font.size": 9}):
-        drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
+        drawing = Figure(figsize=(5.6, 4.0), layout="constrained")
         axes = drawing.subplots()
         libraries = drawn.index.map(lambda name: name.split()[0] if " " in name else "")
         for library, (colour, mark) in _LIBRARY_LOOKS.items():
@@ -338,7 +338,8 @@ def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
                 label = library or "ours"
                 axes.plot(own["x"], own["y"], mark, ms=4, color=colour, alpha=0.7, label=label)
         for name, (x, y) in drawn[libraries == ""].iterrows():
-            axes.annotate(str(name), (x, y), (5, -9), textcoords="offset points")
+            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
+            axes.annotate(str(name), (x, y), (5, -9), textcoords="offset points", bbox=box)
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
