@@ -139,10 +139,12 @@ class Sections:
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         # a result code that Ruckig's own enumeration lacks is a ValueError
         self._errors = (ruckig.RuckigError, ValueError)
-        self.unit_times = stop_times(problem)
+        self.least_times = self.route.demand("least_times") + self.route.demand("given_times")
+        stops = stop_times(problem)
+        # equal waypoints with a time between them stay apart
+        self.unit_times = np.where(stops > 0, stops, self.least_times)
         self._unit_lengths = _travelled(self.limits, self.unit_times[:, None])
         ways = np.diff(self.waypoints, axis=0)
-        self.least_times = self.route.demand("least_times") + self.route.demand("given_times")
         self._longest = np.full(len(ways), np.inf)
         if "given_times" in self.route.demands:
             self._longest = self.least_times * (1 + _GIVEN_RTOL)

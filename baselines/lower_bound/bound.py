@@ -144,8 +144,9 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
             break
     if "given_times" in problem.demands and lower > given * (1 + _ROUNDING_RTOL):
         return _impossible(given, lower, proof)
-    if proof is None:
-        lower = end_to_end_bound(problem)
+    closed_form = end_to_end_bound(problem)
+    if closed_form > lower * (1 + within):
+        lower, proof = closed_form, None
     word = "time limit" if late() else "stopped: no progress"
     bound = _bound(lower, best, within, word, proof)
     if proof is None or not proof.waypoints.size:

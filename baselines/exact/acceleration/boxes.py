@@ -94,7 +94,8 @@ def _overlapping(problem: Problem) -> Bools:
     """Return which segments may take no time, `(segments,)`."""
     low, high = _box(problem)
     overlaps = np.maximum(low[:-1], low[1:]) <= np.minimum(high[:-1], high[1:])
-    return np.asarray(overlaps.all(axis=1) & (problem.route.demand("least_times") == 0))
+    times = problem.route.demand("least_times") + problem.route.demand("given_times")
+    return np.asarray(overlaps.all(axis=1) & (times == 0))
 
 
 def _chain(problem: Problem, pairs: Indices) -> Bools:
