@@ -128,7 +128,7 @@ def test_a_route_made_simpler_keeps_what_is_asked():
 
 def test_a_planner_that_does_not_know_them_says_so():
     problem = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [1.0]), start_velocity=[0.5])
-    for name in ("toppra", "issa"):
+    for name in ("spline353-nlp", "issa"):
         solution = entries()[name].load().solve(problem)
         assert solution.status is Status.UNSUPPORTED
         assert solution.message == "it does not know start velocity"
