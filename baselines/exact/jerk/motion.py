@@ -277,7 +277,12 @@ class _Passed(NamedTuple):
     def slower(self, rows: JerkInequalities, factors: Array) -> JerkInequalities:
         """Return the program of a slower motion, with each joint's mean acceleration in between."""
         slower = 1 + SLOWER
-        times = slower * factors * rows.times
+        times = slower * rows.times
+        longer = (factors - 1) * times
+        times += longer
+        # the segments beside make up for it
+        times[:, :-1] -= longer[:, 1:] / 2
+        times[:, 1:] -= longer[:, :-1] / 2
         velocity, acceleration = rows.point.velocity / slower, rows.point.acceleration / slower**2
         for segment in self.brief:
             ends = [segment - 1, segment]

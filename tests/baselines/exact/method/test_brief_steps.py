@@ -130,10 +130,10 @@ def around_a_waypoint(seed, spacing, count):
 
 
 @pytest.mark.parametrize(
-    ("seed", "spacing", "count"), [(79, 4.2e-6, 2), (99, 1.8e-9, 7), (1, 1.78e-8, 2)]
+    ("seed", "spacing", "count"), [(79, 4.2e-6, 2), (99, 1.8e-9, 7), (1, 1.78e-8, 2), (0, 1e-5, 2)]
 )
 def test_points_around_a_waypoint_of_an_arms_own_optimum(seed, spacing, count):
-    """Once 12 %, 5 % and 139 times above: joints have no slack there, or turn there."""
+    """Once 12 %, 5 %, 139 times and 0.001 % above: joints have no slack there, or turn there."""
     best, dense = around_a_waypoint(seed, spacing, count)
     assert certified(ExactJerk(), dense) == pytest.approx(best, rel=1e-6)
 
