@@ -338,8 +338,7 @@ def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
                 label = library or "ours"
                 axes.plot(own["x"], own["y"], mark, ms=4, color=colour, alpha=0.7, label=label)
         for name, (x, y) in drawn[libraries == ""].iterrows():
-            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
-            axes.annotate(str(name), (x, y), (5, -9), textcoords="offset points", bbox=box)
+            axes.annotate(str(name), (x, y), (-6, -3), textcoords="offset points", ha="right")
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
