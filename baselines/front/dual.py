@@ -30,7 +30,7 @@ from trajopt.core.arrays import Array, Bools, Indices
 # Degree of the costates that are computed from the equations alone.
 FREE_DEGREE = 3
 # Rounding of a sum of products, relative to the sum of the sizes of all terms.
-_ROUNDING_RTOL = 4096 * float(np.finfo(float).eps)
+_ROUNDING_RTOL = 1024 * float(np.finfo(float).eps)
 # Largest number of iterations of an active-set loop.
 _ITERATIONS = 60
 # Weight of the simplex's centre in the points of interpolation: at a segment time of 0 costates
@@ -106,6 +106,43 @@ class SmoothnessConstraints:
         own: Array = found[..., :count, :count]
         return own
 
+    def squares(self, costates: Array, times: Array) -> tuple[Array, Array]:
+        """Return `y'G y` of costates `(…, rows, joints)` at segment times, and its error.
+
+        It is `∫ λ²`, summed from the end to the start: between instants `λ` is a polynomial, at an
+        instant a derivative of it changes by a costate.
+        """
+        place, before = self.segment + self.share, self.segment + self.since
+        instants = np.unique(np.concatenate([place, before, np.arange(self.segments + 1.0)]))
+        at, back = (np.searchsorted(instants, own) for own in (place, before))
+        y = np.moveaxis(costates, -2, 0)
+        changes = np.zeros((self.order, len(instants), *y.shape[1:]))
+        sizes = np.zeros_like(changes)
+        for row, power in enumerate(self.power):
+            changes[power, at[row]] += y[row]
+            sizes[power, at[row]] += np.abs(y[row])
+            if self.width[row] > 0:
+                changes[power, back[row]] -= y[row]
+                sizes[power, back[row]] += np.abs(y[row])
+        steps = np.diff(instants)
+        segment = np.ceil(instants[1:]).astype(int) - 1
+        lengths = np.moveaxis(steps * times[..., segment], -1, 0)[..., None]
+        nodes, weights = np.polynomial.legendre.leggauss(self.order)
+        value, largest = np.zeros(y.shape[1:]), np.zeros(y.shape[1:])
+        own, size = changes[:, -1].copy(), sizes[:, -1].copy()
+        for i in range(len(steps) - 1, -1, -1):
+            length = lengths[i]
+            _shift(size, length)
+            for node, weight in zip(nodes, weights, strict=True):
+                costate = _taylor(own, 0.5 * (1 + node) * length)
+                error = _ROUNDING_RTOL * size[0]
+                value += 0.5 * weight * length * costate**2
+                largest += 0.5 * weight * length * error * (2 * np.abs(costate) + error)
+            _shift(own, length)
+            own += changes[:, i]
+            size += sizes[:, i]
+        return value.sum(-1), largest.sum(-1) + _ROUNDING_RTOL * value.sum(-1)
+
     def gain(self, costates: Array, times: Array | None = None) -> Array:
         """Return `y·c`: of costates `(…, rows, joints)`, the least that the rows allow."""
         gain = np.where(costates > 0, costates * self.low, costates * self.high).sum(-1)
@@ -116,6 +153,20 @@ class SmoothnessConstraints:
         """Return the sum of the sizes of the terms of `gain`."""
         size = np.maximum(np.abs(self.low), np.abs(self.high))
         return ((np.abs(costates) * size).sum(-1) * self.lengths(times)).sum(-1)
+
+
+def _taylor(derivatives: Array, step: Array) -> Array:
+    """Return a polynomial of one, two or three derivatives, a step further."""
+    found = derivatives[-1]
+    for order in range(len(derivatives) - 1, 0, -1):
+        found = derivatives[order - 1] + step / order * found
+    return found
+
+
+def _shift(derivatives: Array, step: Array) -> None:
+    """Move all derivatives of a polynomial a step further."""
+    for order in range(len(derivatives)):
+        derivatives[order] = _taylor(derivatives[order:], step)
 
 
 def _gram(order: int, power: Indices, segment: Indices, share: Array, times: Array) -> Array:
@@ -255,14 +306,10 @@ def _smallest_ratio(
     Less what rounding may do; minus infinity where `z·c` may be negative.
     """
     own = lattice(rows.segments, _degree(rows.order, degree))
-    gram = rows.gram(own.points @ corners)
-    products = np.einsum("bprn,bprs->bpsn", costates, gram, optimize=True)
-    squares = (products * costates).sum((-2, -1))
-    sizes = np.abs(costates)
-    terms = np.einsum("bprn,bprs->bpsn", sizes, np.abs(gram), optimize=True)
-    size = (terms * sizes).sum((-2, -1))
-    gain_size = rows.gain_size(costates, own.points @ corners)
-    upper = _coefficients(squares, size, own, 1.0)
+    times = own.points @ corners
+    squares, error = rows.squares(costates, times)
+    gain_size = _ROUNDING_RTOL * rows.gain_size(costates, times)
+    upper = _coefficients(squares, error, own, 1.0)
     lower = _coefficients(gains**2, 2 * gain_size * np.abs(gains), own, -1.0)
     positive = _coefficients(gains, gain_size, own, -1.0).min(axis=1) > 0
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -270,10 +317,10 @@ def _smallest_ratio(
     return np.where(positive & (lower.min(axis=1) >= 0), ratio, -np.inf)
 
 
-def _coefficients(values: Array, size: Array, own: Lattice, side: float) -> Array:
-    """Bernstein coefficients of values at the points, beyond rounding on a side."""
+def _coefficients(values: Array, error: Array, own: Lattice, side: float) -> Array:
+    """Return Bernstein coefficients of values at the points, with their error added on a side."""
     rounding = own.error * np.abs(values).max(axis=1, keepdims=True)
-    rounding = rounding + _ROUNDING_RTOL * (size @ np.abs(own.to_bernstein).T)
+    rounding = rounding + error @ np.abs(own.to_bernstein).T
     shifted: Array = values @ own.to_bernstein.T + side * rounding
     return shifted
 

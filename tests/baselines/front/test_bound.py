@@ -128,6 +128,20 @@ def test_shortest_times_are_closed_forms():
     )
 
 
+@pytest.mark.parametrize("order", [2, 3])
+def test_the_square_of_costates_is_their_gram_matrix(order):
+    """Two ways of the same integral: along the motion, and by products of all pairs of kernels."""
+    rng = np.random.default_rng(order)
+    rows, _ = problem_rows(load("six-axis"), np.arange(4), order, 1.7)
+    some = rows.only(np.sort(rng.choice(len(rows.power), 30, replace=False)))
+    times = rng.dirichlet(np.ones(3), size=(2, 3))
+    costates = rng.normal(size=(2, 3, 30, 5))
+    squares, error = some.squares(costates, times)
+    by_pairs = np.einsum("bprn,bprs,bpsn->bp", costates, some.gram(times), costates)
+    assert squares == pytest.approx(by_pairs, rel=1e-11)
+    assert (np.abs(squares - by_pairs) <= error).all()
+
+
 def test_four_segments_are_proved():
     """Costates that gain 1 change little with the times; the best ones change a thousandfold."""
     walk = np.cumsum(np.random.default_rng(1).normal(size=(5, 7)), axis=0)
