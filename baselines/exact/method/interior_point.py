@@ -211,8 +211,9 @@ def begun(rows: Inequalities) -> Iterate:
     return Iterate(state, state, length, gain, steps=0)
 
 
-def descended(iterate: Iterate, arrived: Arrived, most: int = MAX_ITERATIONS) -> Iterate:
-    """Return the iterate at which every start has arrived or diverged, or after so many steps."""
+def descended(iterate: Iterate, arrived: Arrived, most: int | None = None) -> Iterate:
+    """Return the iterate at which every start has arrived or diverged, or after `most` steps."""
+    most = MAX_ITERATIONS if most is None else most
     most = min(most, getattr(iterate.state.rows, "max_iterations", most))
     while iterate.steps < most:
         if (arrived(iterate) | iterate.lost).all():
