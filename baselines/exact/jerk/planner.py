@@ -92,9 +92,9 @@ class ExactJerk(SeveralStarts):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima. `stats`: each start's status and duration (s).
 
-        Where no joint that moves has a jerk limit, `exact` solves the problem.
+        Where no joint has a jerk limit, `exact` solves the problem.
         """
-        if not problem.limits.jerk_limited[problem.moving].any():
+        if not problem.limits.jerk_limited.any():
             jerkless = problem.without("jerk")
             return Exact(self.starts, self.agreeing, self.solver).solve(jerkless)
         self.announce("exact-jerk", problem)

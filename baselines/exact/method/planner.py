@@ -98,7 +98,7 @@ class SeveralStarts(Planner):
     def announce(self, planner: str, problem: Problem) -> None:
         """Log an estimate of the time that it will take, if that is long."""
         alone, by_pairs = self.seconds
-        a_cell = alone + by_pairs * problem.moving.sum() ** 2
+        a_cell = alone + by_pairs * problem.joints**2
         a_start = a_cell * cells(problem)
         announce(planner, problem, min(self.starts, self.agreeing) * a_start)
 
