@@ -253,7 +253,7 @@ class _Passed(NamedTuple):
         worst = 0.0
         for segment in self.brief:
             steps = np.abs(rows.cells.h[segment])
-            leaders = np.flatnonzero(steps > LEAST_MOVE * steps.max())
+            leaders = np.flatnonzero(steps >= LEAST_MOVE * steps.max())
             follows = self.limits.jerky & (self._slack(rows, segment) > least)
             bends = [self._led(rows, segment, leader, follows) for leader in leaders.tolist()]
             best = min(bends, key=attrgetter("missed"))
