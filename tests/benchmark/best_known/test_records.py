@@ -249,7 +249,8 @@ def test_what_is_recorded_holds(file):
 
 
 def test_all_files_together_stay_small():
-    assert sum(file.stat().st_size for file in FILES) < 15e6
+    """619 records; the four largest take 6 MB of these, those of three suites 3.7 MB."""
+    assert sum(file.stat().st_size for file in FILES) < 17.5e6
 
 
 # --- what is better ---

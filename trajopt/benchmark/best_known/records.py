@@ -207,13 +207,13 @@ def folder_to_write() -> Path:
 
 def files(where: Path | None = None) -> list[Path]:
     """Return all records' files, by name."""
-    return sorted((where or folder()).glob("*.json"))
+    return sorted((where or folder()).rglob("*.json"))
 
 
 def file_of(problem: Problem, where: Path | None = None) -> Path | None:
     """Return the file of a problem's record, or None."""
     place = where or folder()
-    return next(place.glob(f"*{ending(problem)}"), None)
+    return next(place.rglob(f"*{ending(problem)}"), None)
 
 
 def find(problem: Problem, where: Path | None = None) -> Record | None:
