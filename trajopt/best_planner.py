@@ -69,8 +69,8 @@ def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
     Args:
         problem: What is planned.
         seed: Of the random stream.
-        proof_time: Seconds for a lower bound, where neither a closed form nor the record proves
-            the answer within `OPTIMUM_RTOL`.
+        proof_time: s of CPU time for a lower bound, where neither a closed form nor the record
+            proves the answer within `OPTIMUM_RTOL`.
     """
     relaxed: float | None = None
     trials: list[Trial] = []

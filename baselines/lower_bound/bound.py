@@ -74,12 +74,7 @@ class Bound:
 
 
 def prove(
-    problem: Problem,
-    family: Family = "free",
-    *,
-    within: float = 1e-4,
-    time_limit: float = 60.0,
-    clock: Callable[[], float] = time.perf_counter,
+    problem: Problem, family: Family = "free", *, within: float = 1e-4, time_limit: float = 60.0
 ) -> Bound:
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
@@ -87,21 +82,20 @@ def prove(
         problem: All its limits are used.
         family: Any trajectory, or 3-5-3 splines only.
         within: Relative gap of upper and lower bound at which to stop, positive.
-        time_limit: s, including the time to build the programs. After it the bounds reached are the
-            answer. If the first program alone takes longer than that, and longer than one second,
-            the bound is one in closed form, and a message says so.
-        clock: The clock of the time limit. With `time.process_time` no bound depends on what else
-            the machine does.
+        time_limit: s of CPU time, so that no bound depends on what else the machine does; includes
+            the time to build the programs. After it the bounds reached are the answer. If the first
+            program alone takes longer than that, and longer than one second, the bound is one in
+            closed form, and a message says so.
 
     Raises:
         InvalidInput: An argument cannot be used.
         MissingBackend: HiGHS is not installed.
         TrajoptError: HiGHS breaks down.
     """
-    began = clock()
+    began = time.process_time()
 
     def late() -> bool:
-        return clock() > began + time_limit
+        return time.process_time() > began + time_limit
 
     if family not in ("free", "spline353"):
         raise InvalidInput("family", "'free' or 'spline353'", value=family)

@@ -31,8 +31,8 @@ class Prove(Planner):
     out, which keeps the bound valid; the message says so.
 
     - `within`: relative gap of upper and lower bound at which to stop;
-    - `time_limit`: s, including the time to build the model; then the bounds reached are the
-      answer;
+    - `time_limit`: s of CPU time, including that to build the model; then the bounds reached are
+      the answer;
     - `family`: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
       times. Then the bound is in `stats`, not in the solution's `lower_bound`.
     """
