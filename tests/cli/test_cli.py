@@ -137,7 +137,8 @@ def test_list_says_which_limits_a_planner_knows_as_the_page_does(trajopt):
             checked.add(name)
     assert checked >= NAMES
     out = " ".join(trajopt("list")[1].split())
-    assert "limits that it knows: velocity, acceleration; refuses jerk limits" in out
+    known = "limits that it knows: velocity, acceleration; demands that it knows: start velocity, "
+    assert known + "end velocity; refuses jerk limits" in out
     assert "limits that it knows: none" in out
 
 
