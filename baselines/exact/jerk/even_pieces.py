@@ -188,7 +188,10 @@ class _Numbers:
         led = velocity + slow * acceleration**2 / 2
 
         def tighter(limits: Array, used: Array) -> Array:
-            left = np.maximum(np.abs(limits) - used.max(axis=0), 0.0)
+            by_segment = np.zeros_like(way.h)
+            by_segment[0] = used[0]
+            by_segment[-1] = np.maximum(by_segment[-1], used[1])
+            left = np.maximum(np.abs(limits) - by_segment, 0.0)
             return (limits - _TIGHTER * signs * left)[:, self.pieces]
 
         self.way = way

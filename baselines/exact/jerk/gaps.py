@@ -70,10 +70,12 @@ class _Beside(NamedTuple):
 def spare(scaled: Scaled, share: float) -> None:
     """Make limits tighter by a share, but for those that a state at an end needs whole."""
     velocity, acceleration = scaled.end_v, scaled.end_a
-    slowest, steepest = (np.abs(own).min(axis=(0, 1)) for own in (scaled.v, scaled.a))
+    # those of the first and the last segment
+    slowest, steepest = (np.abs(own).min(axis=0)[[0, -1]] for own in (scaled.v, scaled.a))
+    ramp = scaled.r.max(axis=0)[[0, -1]] * acceleration**2 / 2
     # the velocity that the acceleration leads to, backwards in time from the end
     towards = np.sign(acceleration) * [[1], [-1]]
-    led = towards * velocity + scaled.r.max(axis=(0, 1)) * acceleration**2 / 2
+    led = towards * velocity + ramp
     most = 1 - 2 * share
     ramps = (led > most * slowest) & (acceleration != 0)
     fast = (np.abs(velocity) > most * slowest) | ramps
@@ -82,7 +84,6 @@ def spare(scaled: Scaled, share: float) -> None:
     # the ramp from such a state to the velocity limit needs the jerk of its segment, but for what
     # the judge counts as rounding of the velocity
     v = np.where(ramps.any(axis=0), 1 + KEPT, v)
-    ramp = scaled.r.max(axis=(0, 1)) * acceleration**2 / 2
     needed = 1 - np.minimum(KEPT * slowest / np.where(ramps, ramp, np.inf), share)
     r = np.full((len(scaled.h) if ramps.any() else 1, ramps.shape[1]), 1 - share)
     r[0] = np.where(ramps[0], needed[0], r[0])

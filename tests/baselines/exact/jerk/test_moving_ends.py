@@ -117,6 +117,16 @@ def test_a_start_on_its_ramp_to_the_velocity_limit():
     assert solved(onwards).duration == pytest.approx(straight.duration, rel=1e-8)
 
 
+def test_a_start_as_fast_as_another_segment_allows():
+    """Its own segment allows more, so its limits are made tighter for rounding all the same."""
+    velocity = np.array([[1.0, 1.5], [0.3, 0.4], [1.0, 1.5]])
+    acceleration = np.array([[2.0, 3.0], [2.0, 3.0], [0.5, 0.6]])
+    jerk = np.array([[20.0, 30.0], [10.0, 10.0], [20.0, 30.0]])
+    limits = Limits(*(np.stack([-own, own], axis=-1) for own in (velocity, acceleration, jerk)))
+    waypoints = [[0.0, 0.0], [1.0, -0.5], [0.5, 0.5], [1.2, 0.2]]
+    solved(Problem(waypoints, limits, start_velocity=[0.3, -0.4]))
+
+
 def test_tiny_steps_beside_an_end_are_passed():
     """Of five steps two are tiny: no start that begins on a grid converged there."""
     assert solved(trajopt.problem("moving-random-33")).duration < 1.857
