@@ -182,6 +182,12 @@ def test_the_arena_says_what_its_tables_show():
     ran = f"{len(body)} ran once with 1,000 evaluations: {within}, and half end {half:.2f} % above"
     assert ran in text
     assert f"{sum(np.isinf(gaps))} need packages" in text
+    _, (heading, *body) = stored(STORED / "arena-nevergrad-best.csv")
+    groups = {row[0].strip("*"): row[heading.index("group")] for row in body}
+    first = " and ".join(f"`{name.split()[-1]}`" for name, group in groups.items() if group == "1")
+    assert f"{first} come within 0.1 % in every one, and form the first of" in text
+    assert f"of {max(groups.values())} groups, `cmaes` is in the {groups['cmaes']}th" in text
+    assert f"The {len(body) - len(own)} have ten runs each" in text
 
     _, (heading, *body) = stored(STORED / "arena-10000.csv")
     columns = {name: [row[i] for row in body] for i, name in enumerate(heading)}
