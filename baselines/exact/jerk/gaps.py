@@ -40,6 +40,9 @@ _ACCELERATIONS = np.linspace(-0.9, 0.9, 5)
 _JERKS = (-0.8, -0.3, 0.0, 0.3, 0.8)
 # Further times of the grid, relative to the time of passing the segment at constant velocity.
 _PASSING = np.linspace(0.85, 1.15, 25)
+# A finer grid between two times of it, and how often it is made finer where all states are given.
+_FINER = 33
+_ZOOMS = 3
 # Least slack of an initial guess's displacements, in units of the time squared.
 _SLACK = 1e-6
 # Distance of an initial guess from the edge of its interval, in times of the grid. The second value
@@ -115,7 +118,7 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
     start, end = (np.array(pair) for pair in zip(scaled.end_v, scaled.end_a, strict=True))
     none = np.zeros((max(segments - 1, 0), joints))
     if segments == 1:
-        for time in _between(scaled, depth, 0, start, end):
+        for time in _between(scaled, depth, 0, start, end, _ZOOMS):
             yield JerkStart(np.array([time]), none, none)
         return
     rest = np.zeros((2, joints))
@@ -148,12 +151,23 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
             yield JerkStart(np.array(times), inner[:, 0], inner[:, 1])
 
 
-def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array) -> list[float]:
-    """Return a time of every interval in which the segment leads from `start` to `end`."""
+def _between(
+    scaled: Scaled, depth: int, segment: int, start: Array, end: Array, zooms: int = 0
+) -> list[float]:
+    """Return a time in every interval in which a segment leads from one state to another.
+
+    `zooms`: how often the grid is made finer where the slack has a peak below the least one.
+    """
     times = _grid(scaled, segment, (start[0] + end[0]) / 2)
-    states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
-    inside = _slack(scaled, segment, times, states).min(axis=1) > _SLACK
-    return [float(times[place]) for place in _places(inside, depth)]
+    for zoom in range(zooms + 1):
+        states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
+        slack = _slack(scaled, segment, times, states).min(axis=1)
+        before, own, after = slack[:-2], slack[1:-1], slack[2:]
+        peaks = np.flatnonzero((own >= before) & (own > after) & (own <= _SLACK))
+        if zoom < zooms:
+            finer = np.linspace(times[peaks], times[peaks + 2], _FINER)
+            times = np.union1d(times, finer)
+    return [float(times[place]) for place in _places(slack > _SLACK, depth)]
 
 
 def _beside(

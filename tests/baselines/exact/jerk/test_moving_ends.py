@@ -48,7 +48,8 @@ def test_a_brief_first_segment_is_passed_at_speed():
     assert certificate.certified_duration == pytest.approx(bound, rel=2e-4)
 
 
-@pytest.mark.parametrize("seed", range(1, 17, 2))
+# of 739 the first times that are possible end 0.1 % after the optimum
+@pytest.mark.parametrize("seed", [*range(1, 17, 2), 739])
 def test_two_waypoints_are_ruckigs(seed):
     problem = drawn(seed, jerk=True)
     assert solved(problem).duration == pytest.approx(optimum(problem).duration, rel=1e-8)
