@@ -60,6 +60,8 @@ def test_it_runs_where_nothing_of_ours_can_be_imported():
         "edges-jerk-and-position",
         "one-joint",  # in closed form, as the next one
         "edges-jerk-at-rest",
+        "moving-random-73",  # waypoints that rounding may miss, beside moving ends
+        "demands-random-110",  # segments that may take no time
     ],
 )
 def test_a_stored_proof_proves_what_is_recorded_and_no_more(checked, name):

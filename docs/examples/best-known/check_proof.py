@@ -167,7 +167,7 @@ if "waypoints" in proof:  # it counts these alone
     rows = [[loosest(own[i:k]) for i, k in pairwise(kept)] for own in rows]
     least = [sum(least[i:k]) for i, k in pairwise(kept)]
     waits = [waits[k] for k in kept]
-elif not others:
+elif not others.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
     changes = {k for k in range(1, len(rows[0])) if any(own[k - 1] != own[k] for own in rows)}
     kept = exact(points, changes)
     points = [points[k] for k in kept]
