@@ -242,6 +242,7 @@ def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
     own.end_v, own.end_a = states[:, 0], states[:, 1]
     own.least = np.zeros(1)
     own.closed = own.by_segment = False
+    own.passing = None
     none = np.zeros((len(times), 0, scaled.h.shape[1]))
     tables = JerkTables(own)
     rows = JerkInequalities(tables, tables.linked(times[:, None], none, none))
