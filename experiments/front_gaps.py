@@ -2,6 +2,7 @@
 
     python -m experiments.front_gaps                       # every suite, up to four segments
     python -m experiments.front_gaps --problem six-axis --seconds 5
+    python -m experiments.front_gaps --quick
 
 ∫ jerk² at four durations: the gap between the smoothest motion found and the bound over all segment
 times, and the CPU time of motions and proofs. Problems that ask for more than `trajopt front` knows
@@ -77,6 +78,7 @@ def main(
     problem: list[str] | None = None,
     segments: int = _MAX_SEGMENTS,
     seconds: float = 60.0,
+    quick: bool = False,
 ) -> None:
     """Write the table.
 
@@ -85,7 +87,10 @@ def main(
         problem: Names; by default every problem of all suites.
         segments: At most.
         seconds: Of CPU time, for the proof of each point.
+        quick: One problem, one second a proof.
     """
+    if quick:
+        problem, seconds = ["one-joint"], 1.0
     given = [load(name) for name in problem] if problem else chosen(segments)
     rows = []
     for own in given:

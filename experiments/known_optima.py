@@ -171,12 +171,14 @@ def drawn(kind: str, seed: int) -> tuple[Problem, float]:
 def suites(jerk: bool) -> list[Problem]:
     """The problems of all suites with a best known answer, with jerk limits, or without.
 
-    None has position limits.
+    Each is from rest to rest, under the same limits in all segments and without position limits;
+    `experiments.replanning` asks the others.
     """
     found = []
     for listed in every_problem().values():
         own = listed.problem
-        if own.has("jerk") == jerk and not own.has("position") and not ExactJerk().unsupported(own):
+        plain = not own.demands and own.limits.segments is None and not own.has("position")
+        if plain and own.has("jerk") == jerk and not ExactJerk().unsupported(own):
             found.append(own)
     return list(filter(find, found))
 

@@ -60,5 +60,5 @@ def test_a_source_without_a_doi_is_known_by_its_authors_and_year():
     """Two papers without one are two sources; two problems of a paper are one."""
     published = [suite.published(path) for path in suite.files().values()]
     claimed = [SimpleNamespace(published=own) for own in published if own.claims]
-    assert len({own.published.doi for own in claimed}) == 7  # the empty one counts once
-    assert page._sources(claimed) == 8
+    assert len({own.published.doi for own in claimed}) == 8  # the empty one counts once
+    assert page._sources(claimed) == 9

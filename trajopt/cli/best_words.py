@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import floor, inf
+from math import floor, inf, log10
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from trajopt.explain.references import THROUGH_WAYPOINTS
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 AGREEMENT_RTOL = 1e-6  # durations of starts that differ by less, relative, count as equal
 ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
-LOOSE_PERCENT = 1.0  # percent of the duration; a bound farther below is printed with fewer digits
+PROVED_DIGITS = 4  # of a bound that is not within OPTIMUM_RTOL of the answer
 FAR_PERCENT = 10.0  # percent of the duration; a bound farther below is called far
 
 ADD_JERK_LIMITS = (
@@ -82,12 +82,18 @@ def _quality(found: Best, duration: float) -> str:
         above = 100 * (duration / record.duration - 1)
         best = f"the best known, {record.motion}, {record.duration:.4f} s"
         known = f"It is {above:.2g} % above {best}"
-    digits = 4 if less < LOOSE_PERCENT else 3
-    proved = floor(found.proved * 10**digits) / 10**digits
     return (
-        f"{known}. Proved: every motion takes at least {proved:.{digits}f} s, {less:.3g} % less "
+        f"{known}. Proved: every motion takes at least {_least(found.proved)} s, {less:.3g} % less "
         "(`trajopt prove` proves more)."
     )
+
+
+def _least(seconds: float) -> str:
+    """Round a lower bound down to `PROVED_DIGITS` digits: the rounded one is proved too."""
+    if not seconds:
+        return "0"
+    unit = 10.0 ** (floor(log10(seconds)) + 1 - PROVED_DIGITS)
+    return f"{floor(seconds / unit) * unit:.{PROVED_DIGITS}g}"
 
 
 def _known(trial: Trial, less: float) -> str:
