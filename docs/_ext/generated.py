@@ -542,14 +542,15 @@ def experiments_page() -> None:
 
 
 def _questions(found: re.Match[str]) -> str:
-    """Return a link to the experiments' page, as seen from the page's folder."""
-    return f"]({found[1].removeprefix('../')}questions/index.md"
+    """Return a link to the page of experiments or of soaks, as seen from the page's folder."""
+    page = {"experiments": "index", "tests/soaks": "soaks"}[found[2]]
+    return f"]({found[1].removeprefix('../')}questions/{page}.md"
 
 
 def as_on_the_site(app: Sphinx, name: str, source: list[str]) -> None:
     """Adapt links of pages that are read in the repository too; a site has no folders."""
     text = re.sub(r"\[[^\]]+\]\((examples/[\w-]+)\)", r"`docs/\1`", source[0])
-    text = re.sub(r"\]\(((?:\.\./)+)experiments/README\.md", _questions, text)
+    text = re.sub(r"\]\(((?:\.\./)+)(experiments|tests/soaks)/README\.md", _questions, text)
     source[0] = re.sub(r"\]\(\.\./(README|CONTRIBUTING)\.md\)", "](index.md)", text)
 
 
