@@ -27,7 +27,6 @@ from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
 from baselines.exact.method import brief_steps
 from baselines.exact.method.interior_point import (
-    MAX_ITERATIONS,
     begun,
     chosen,
     converged,
@@ -53,8 +52,6 @@ MAX_STARTS_FACTOR = 3
 # least time with such stops.
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
-# Most steps of an initial guess in a bounded time.
-FEWER_ITERATIONS = 600
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
 
@@ -119,8 +116,7 @@ class ExactJerk(SeveralStarts):
             problem: Without waypoints to leave out.
             left_out: Positions of waypoints that were left out, see `Reachable`.
             passing: Further limits at the waypoints, in the form that `Scaled` takes.
-            patient: Whether a start may take `MAX_ITERATIONS`, and more initial guesses are tried
-                where all have failed.
+            patient: Whether more initial guesses are tried where all have failed.
         """
         if problem.route.at_rest:
             return self._from_starts(problem, left_out, passing, patient)
@@ -147,14 +143,13 @@ class ExactJerk(SeveralStarts):
         scaled.left_out = left_out
         if not problem.route.at_rest:
             gaps.spare(scaled, spare)
-        most = MAX_ITERATIONS if patient else FEWER_ITERATIONS
 
         def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:
             if self.solver == "ipopt":
                 from baselines.exact.jerk.by_ipopt import minimised
 
                 return minimised(scaled, [own.times for own in starts])
-            return _minimised(scaled, starts, most)
+            return _minimised(scaled, starts)
 
         if not problem.route.at_rest:
             beside = [*gaps.starts(scaled), *even_pieces.starts(scaled)]
@@ -191,10 +186,8 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
         yield JerkStart(slower * scaled.stop, at_rest, at_rest)
 
 
-def _minimised(
-    scaled: Scaled, starts: Sequence[JerkStart], most: int = MAX_ITERATIONS
-) -> list[LocalOptimum]:
-    """Return the local optimum that each initial guess leads to, in so many steps at most."""
+def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
+    """Return the local optimum that each initial guess leads to."""
     near = bool(scaled.tolerance.any())
     cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
     begins: Any = NearInequalities if near else JerkInequalities
@@ -202,7 +195,7 @@ def _minimised(
     # a start that diverges overflows; `converged` is then false
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
-        iterate = descended(begun(begins(cells, point)), converged, most)
+        iterate = descended(begun(begins(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point
     numbers = np.arange(len(starts))

@@ -248,7 +248,7 @@ def test_the_optimum_between_two_waypoints_of_extreme_limits() -> None:
 
 
 def test_it_fails_where_no_start_converges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("baselines.exact.jerk.planner.MAX_ITERATIONS", 5)
+    monkeypatch.setattr("baselines.exact.method.interior_point.MAX_ITERATIONS", 5)
     solution = ExactJerk().solve(random_problem(3, jerk=True))
     assert (solution.status, solution.trajectory) == (Status.FAILED, None)
     assert set(solution.stats["start_status"]) == {"Not_Converged"}
