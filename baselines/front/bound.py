@@ -210,7 +210,7 @@ def problem_rows(
 
 
 def _in_use(rows: SmoothnessConstraints, times: Array) -> Bools:
-    """What the best costates at these times, and at some near them, use: `(rows, joints)`."""
+    """Return which rows the best costates use at these times or near them, `(rows, joints)`."""
     near = [times]
     for k, other in permutations(range(len(times)), 2):
         moved = times.copy()

@@ -251,7 +251,7 @@ def free_bounds(rows: SmoothnessConstraints, corners: Array) -> Array:
 
 
 def _curved_bounds(own: SmoothnessConstraints, corners: Array, degree: int) -> Array:
-    """From costates of a degree in the segment times."""
+    """Return lower bounds from costates of a degree in the segment times."""
     nodes, weights = _interpolation(own.segments, degree, _degree(own.order, degree))
     times = nodes @ corners
     centre = corners.mean(axis=1, keepdims=True)
@@ -262,12 +262,12 @@ def _curved_bounds(own: SmoothnessConstraints, corners: Array, degree: int) -> A
 
 
 def _degree(order: int, costates: int) -> int:
-    """Of `z'G z`, where the costates `z` have this degree."""
+    """Return the degree of `z'G z` in the times, where the costates `z` have this degree."""
     return 2 * costates + 2 * order - 1
 
 
 def scaled_costates(rows: SmoothnessConstraints, costates: Array, times: Array) -> Array:
-    """The multiple of costates that gains 1, so that neighbours can be interpolated."""
+    """Return the multiple of costates that gains 1: neighbours can then be interpolated."""
     gain = rows.gain(costates, times)
     scaled: Array = costates / np.where(gain > 0, gain, np.inf)[..., None, None]
     return scaled
@@ -363,7 +363,7 @@ def best_costates(
 def _active_set(
     gram: Array, low: Array, high: Array, equations: int, like: Array | None
 ) -> tuple[Array, Array]:
-    """The best costates of one joint, `(B, rows)`, and their values, `(B,)`."""
+    """Return the best costates of one joint, `(B, rows)`, and their values, `(B,)`."""
     count = gram.shape[-1]
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", gram), 1e-300))
     scaled = gram * scale[:, :, None] * scale[:, None, :]

@@ -146,7 +146,7 @@ class Joint:
 
     @cached_property
     def readings(self) -> Readings:
-        """Logged velocities with their half widths at the stated times.
+        """Return the logged velocities, with their half widths widened for rounded times.
 
         There are none where times are rounded and the acceleration is not limited.
         """

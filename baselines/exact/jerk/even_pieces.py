@@ -32,7 +32,7 @@ _TIGHTER = 0.02
 # A guess passes at the velocity of the motion's end, or at this share of the limits.
 _SLOWEST = 0.3
 _LONGEST = 10.0  # segment, relative to the whole of a guess
-# What a missed way costs, in times without units; what a guess misses, and what is no miss.
+# Cost of missing a waypoint; by how much a guess may miss one; a smaller miss is rounding.
 _MISS_COST = 100.0
 _MISSING = 0.1
 _MISSED = 1e-5
@@ -87,7 +87,7 @@ class _Passage(NamedTuple):
         return _Passage(h[own], v[:, own], a[:, own], r[:, own], stop[own], shortest[own], ends)
 
     def fast(self, end: int) -> int:
-        """How many segments from an end on, 0 or 1, some joint leaves before it can stop."""
+        """Return the number of segments at end 0 or 1 that a joint leaves before it can stop."""
         onwards = 1 if end == 0 else -1
         velocity, acceleration = self.ends[end]
         steepest = np.abs(self.a).min(axis=(0, 1))
@@ -146,7 +146,7 @@ def starts(scaled: Scaled) -> list[JerkStart]:
 
 
 def _different(way: _Passage, first: int, last: int) -> list[JerkStart]:
-    """The motions to which the guesses lead, the fastest first."""
+    """Return the motions to which the guesses lead, the fastest first."""
     found = [_motion(way, times) for times in way.guesses(first, last)]
     motions = sorted((own for own in found if own), key=lambda own: own.times.sum())
     totals = np.array([own.times.sum() for own in motions])
@@ -155,7 +155,7 @@ def _different(way: _Passage, first: int, last: int) -> list[JerkStart]:
 
 
 def _motion(way: _Passage, times: Array) -> JerkStart | None:
-    """A motion through all waypoints, from a guess of its times, if one is found.
+    """Return a motion through all waypoints, from a guess of its times, if one is found.
 
     Where a waypoint is missed there is no time to pass it at speed: the first such segment is given
     the time to stop, to come back and to start again.
@@ -179,7 +179,7 @@ def _motion(way: _Passage, times: Array) -> JerkStart | None:
 
 
 class _Numbers:
-    """The numbers of a way in its program: limits a little tighter, by piece."""
+    """Return the numbers of a passage in its program: limits a little tighter, by piece."""
 
     def __init__(self, way: _Passage) -> None:
         signs = np.array([[[-1.0]], [[1.0]]])
@@ -203,7 +203,7 @@ class _Numbers:
             self.jerk = (signs * (1 - _TIGHTER) / way.r)[:, self.pieces]
 
     def solved(self, times: Array) -> tuple[JerkStart, Array] | None:
-        """The motion that IPOPT finds from these times, and by how much it misses its waypoints."""
+        """Return the motion that IPOPT finds from these times, and by how much it misses."""
         way = self.way
         count, joints = way.h.shape
         # at a break the tighter limits of the pieces on both sides
@@ -235,7 +235,7 @@ class _Numbers:
 
 @cache
 def _solver(segments: int, joints: int) -> Program:
-    """IPOPT for all ways of this size, built once; displacements and limits are parameters."""
+    """Return the program for all passages of this size, built once; its data are parameters."""
     ca = backend("casadi")
     count = segments * PIECES
 

@@ -62,7 +62,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """The candidates for one problem, compared with its record.
+    """Result of comparing the candidates for one problem with its record.
 
     Attributes:
         problem: The candidates' problem.
