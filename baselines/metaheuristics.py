@@ -355,10 +355,14 @@ class Pymoo(Metaheuristic):
     @staticmethod
     @cache
     def optimisers() -> Mapping[str, Any]:
-        """Return the optimisers for one objective whose own packages are installed."""
+        """Return the optimisers for one objective whose own packages are installed.
+
+        `BGA` is not among them: its variables are bits, so it tries only segment times of 0 and 1.
+        """
         backend("pymoo", "pymoo")
         kind = import_module("pymoo.core.algorithm").Algorithm
         folder = import_module("pymoo.algorithms.soo.nonconvex")
+        bits = import_module("pymoo.operators.sampling.rnd").BinaryRandomSampling
         found: dict[str, Any] = {}
         for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}."):
             try:
@@ -367,7 +371,10 @@ class Pymoo(Metaheuristic):
                 continue
             for name, member in members.items():
                 own = isinstance(member, type) and issubclass(member, kind)
-                if own and member.__module__ == module.name and not inspect.isabstract(member):
+                if not own or member.__module__ != module.name or inspect.isabstract(member):
+                    continue
+                sampling = inspect.signature(member).parameters.get("sampling")
+                if sampling is None or not isinstance(sampling.default, bits):
                     found[name] = member
         return found
 

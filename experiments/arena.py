@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
+from itertools import product
 from math import comb
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,10 @@ import cyclopts
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 from scipy.stats import mannwhitneyu, spearmanr
 
 from experiments.common import races
@@ -288,11 +292,62 @@ def report(name: str, tables: Mapping[int, pd.DataFrame], folder: Path) -> None:
     figure(tables, folder / f"{name}.svg")
 
 
+# Distances of a name from its point, points, and the directions in which it is tried.
+_AWAY_PT = range(4, 80, 2)
+_DIRECTIONS = np.exp(1j * np.arange(0, 2 * np.pi, np.pi / 12))[:, None].view(float)
+
+
+def write_names(drawing: Figure, points: Mapping[tuple[float, float], str]) -> None:
+    """Write names beside their points, where they touch no mark, curve, legend or other name.
+
+    A name takes the nearest free place; a thin line leads to one that is farther away.
+    """
+    drawing.draw_without_rendering()  # after it places in pixels are final
+    axes = drawing.axes[0]
+    pixels = drawing.dpi / 72
+    marks = np.concatenate([_pixels(axes, line) for line in axes.lines])
+    taken = [found.get_window_extent() for found in (axes.get_legend(),) if found]
+    for point, name in points.items():
+        at = axes.transData.transform(point)
+        measured = axes.text(0, 0, name)
+        size = np.array(measured.get_window_extent().size)
+        measured.remove()
+        for away, direction in product(_AWAY_PT, _DIRECTIONS):
+            reach = away * pixels + np.min(size / 2 / np.maximum(np.abs(direction), 1e-9))
+            low = at + reach * direction - size / 2
+            box = Bbox([low, low + size])
+            clear = not box.padded(3 * pixels).count_contains(marks)
+            clear &= not box.count_overlaps(taken)
+            if clear and axes.bbox.count_contains(box.corners()) == len(box.corners()):
+                break
+        taken.append(box)
+        axes.annotate(
+            name,
+            point,
+            reach * direction / pixels,
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            arrowprops={"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 2},
+        )
+
+
+def _pixels(axes: Axes, line: Line2D) -> Array:
+    """Return a line's marks, or a curve's points a pixel or so apart, in pixels, `(n, 2)`."""
+    points = np.asarray(axes.transData.transform(line.get_xydata()))
+    if line.get_linestyle() == "None":
+        return points
+    along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    finely = np.linspace(0, along[-1], int(along[-1]) + 2)
+    return np.column_stack([np.interp(finely, along, own) for own in points.T])
+
+
 def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
     """Draw the gaps of all entrants, the best first, one curve a budget; ours are named."""
     with mpl.rc_context({"font.size": 9}):
         drawing = Figure(figsize=(5.6, 4.0), layout="constrained")
         axes = drawing.subplots()
+        points: dict[tuple[float, float], str] = {}
         for colour, (budget, own) in zip((SKY, BLACK), tables.items(), strict=False):
             ordered = own.sort_values("median gap")
             solved = ordered[np.isfinite(ordered["median gap"])]
@@ -302,16 +357,17 @@ def figure(tables: Mapping[int, pd.DataFrame], file: Path) -> None:
             for name in OWN:
                 if name in solved.index:
                     at = solved.index.get_loc(name)
-                    axes.plot(place[at], percent.iloc[at], "o", color=colour, ms=4)
-                    below = (4, 5 if name in ("de", "ssa") else -10)  # beside cmaes and issa
                     point = (place[at], percent.iloc[at])
-                    axes.annotate(name, point, below, textcoords="offset points")
+                    axes.plot(*point, "o", color=colour, ms=4)
+                    points[point] = name
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.set_xlabel("share of the optimisers, best first, %")
         axes.set_ylabel("median gap to the proved best 3-5-3, %")
         axes.grid(alpha=0.3)
+        axes.margins(y=0.08)
         axes.legend()
+        write_names(drawing, points)
         drawing.savefig(file)
 
 
@@ -337,8 +393,6 @@ def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
             if len(own):
                 label = library or "ours"
                 axes.plot(own["x"], own["y"], mark, ms=4, color=colour, alpha=0.7, label=label)
-        for name, (x, y) in drawn[libraries == ""].iterrows():
-            axes.annotate(str(name), (x, y), (-6, -3), textcoords="offset points", ha="right")
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
@@ -348,6 +402,8 @@ def carried(first: pd.DataFrame, others: pd.DataFrame, file: Path) -> float:
         axes.set_title(f"Spearman's rank correlation {correlation:.2f}")
         axes.grid(alpha=0.3)
         axes.legend()
+        ours = drawn[libraries == ""]
+        write_names(drawing, {(x, y): str(name) for name, (x, y) in ours.iterrows()})
         drawing.savefig(file)
     return correlation
 

@@ -239,6 +239,14 @@ def test_list_says_what_is_there(library, capsys):
     assert ended.value.code == 2
 
 
+@pytest.mark.skipif("pymoo" not in INSTALLED, reason="pymoo is not installed")
+def test_optimisers_of_bits_are_left_out():
+    """pymoo's `BGA` draws its variables from {0, 1}: eight candidates of three segment times."""
+    names = load("pymoo").choices()["name"]
+    assert {"GA", "BRKGA", "NicheGA"} <= set(names)
+    assert "BGA" not in names
+
+
 def test_the_extras_are_those_that_the_planners_name():
     for planner in (Mealpy(), Pymoo(), Nevergrad()):
         assert planner.requires == (planner.extra,)

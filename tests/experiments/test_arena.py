@@ -7,6 +7,8 @@ from math import comb
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from test_swarm_experiments import crowd, outcome
 
 from experiments import arena
@@ -136,3 +138,26 @@ def test_it_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
     assert not own_words
     kept = (tmp_path / "six-axis-printed.csv").read_text(encoding="utf-8")
     assert "median gap at 60" in kept
+
+
+def test_names_in_figures_touch_no_mark_and_no_other_name():
+    """A cloud, a curve through it, and five points in its middle with names."""
+    rng = np.random.default_rng(0)
+    drawing = Figure(figsize=(5.6, 4.0), layout="constrained")
+    axes = drawing.subplots()
+    cloud = rng.normal(size=(150, 2))
+    curve = np.column_stack([np.linspace(-3, 3, 7), np.sin(np.linspace(-3, 3, 7))])
+    axes.plot(*cloud.T, "o", ms=4, label="cloud")
+    axes.plot(*curve.T)
+    axes.legend()
+    names = {(x, y): f"entrant {k}" for k, (x, y) in enumerate(cloud[:5])}
+    arena.write_names(drawing, names)
+    drawing.draw_without_rendering()
+    boxes = [Text.get_window_extent(found) for found in axes.texts]  # without the line
+    finely = np.linspace(-3, 3, 2000)
+    on_curve = np.column_stack([finely, np.interp(finely, *curve.T)])
+    marks = axes.transData.transform(np.vstack([cloud, on_curve]))
+    assert [found.get_text() for found in axes.texts] == list(names.values())
+    for k, box in enumerate(boxes):
+        assert box.count_contains(marks) == 0
+        assert box.count_overlaps([*boxes[:k], axes.get_legend().get_window_extent()]) == 0
