@@ -60,6 +60,30 @@ def drawn(seed: int, *, waypoints: int = 2, joints: int | None = None, jerk: boo
     return Problem(rows, Limits(V, A, J), name=f"moving-{seed}", demands=demands)
 
 
+def halves(problem: Problem, motion: Trajectory, time: float) -> tuple[Problem, Problem]:
+    """Return the problems before and after a time, in the motion's state at that time.
+
+    Args:
+        problem: Begins or ends in motion.
+        motion: Its motion.
+        time: s; a waypoint's time, or one within a segment.
+    """
+    kinds = {key.split("_")[1] for key in problem.demands}
+    orders = {"velocity": 1, "acceleration": 2}
+    before, after = (np.sign(motion.waypoint_times - time) == side for side in (-1, 1))
+    at = motion.waypoint_times == time
+    place = problem.waypoints[at] if at.any() else motion(time)[None]
+    rows = [problem.waypoints[before], place], [place, problem.waypoints[after]]
+    found = []
+    for waypoints, end, other in zip(rows, ("end", "start"), ("start", "end"), strict=True):
+        demands = {f"{other}_{kind}": problem.demands[f"{other}_{kind}"] for kind in kinds}
+        for kind in kinds:
+            limits = getattr(problem.limits, kind)
+            demands[f"{end}_{kind}"] = np.clip(motion(time, orders[kind]), *limits.T)
+        found.append(Problem(np.vstack(waypoints), problem.limits, demands=demands))
+    return found[0], found[1]
+
+
 def optimum(problem: Problem) -> Trajectory | None:
     """Return the fastest motion of a problem of two waypoints, by Ruckig."""
     return RuckigStop().solve(problem).trajectory

@@ -38,6 +38,7 @@ from baselines.exact.method.planner import (
     without_ipopt,
 )
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
+from baselines.exact.method.segments import MOST, MOST_IN_MOTION
 from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
@@ -162,8 +163,9 @@ class Passing(Scaled):
             starts / q_unit,
             walls / q_unit,
         )
+        most = MOST if self.problem.route.dilatable else MOST_IN_MOTION
         with np.errstate(all="ignore"):
-            constant = pieces(task, BRIEF_PIECE_S / self.unit)
+            constant = pieces(task, BRIEF_PIECE_S / self.unit, most)
         return self.motion(constant, task.u)
 
     def within(self, velocities: Array) -> Array:

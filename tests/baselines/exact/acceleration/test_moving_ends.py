@@ -8,7 +8,7 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration.gaps import starts
 from baselines.exact.acceleration.planner import Passing
-from soaks.moving_ends import drawn, optimum
+from soaks.moving_ends import drawn, halves, optimum
 from trajopt import Limits, Problem, Status, verify
 
 PASSED = [[0.0, 0.0], [-2.689449, 1.636343], [-2.051154, 1.344296], [-2.363103, 1.648131]]
@@ -66,20 +66,32 @@ def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
     """In 8 and 20 the first part is possible, before a gap, in one single time."""
     problem = drawn(seed, waypoints=4, joints=None if seed > 4 else 2, jerk=False)
     motion = solved(problem)
-    cut = motion.waypoint_times[1]
-    state = motion(cut, 1)
-    first, second = (
-        Problem(problem.waypoints[rows], problem.limits, demands=demands)
-        for rows, demands in (
-            (slice(0, 2), {"start_velocity": problem.start_velocity, "end_velocity": state}),
-            (slice(1, None), {"start_velocity": state, "end_velocity": problem.end_velocity}),
-        )
-    )
-    assert solved(first).duration == pytest.approx(cut, rel=1e-7)
-    assert solved(second).duration == pytest.approx(motion.duration - cut, rel=1e-7)
+    parts_take_as_long(problem, motion, motion.waypoint_times[1])
     route = problem.route.reversed()
     backwards = Problem(route.waypoints, problem.limits, demands=route.demands)
     assert solved(backwards).duration == pytest.approx(motion.duration, rel=1e-9)
+
+
+def parts_take_as_long(problem, motion, cut):
+    """Solve both parts of a motion that is cut at a time, in its state there."""
+    for part, own in zip(halves(problem, motion, cut), (cut, motion.duration - cut), strict=True):
+        assert solved(part).duration == pytest.approx(own, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("seed", "waypoints", "cut"),
+    [
+        # the motion needs a limit whole: without its briefest piece it used 5e-11 too much
+        (1286, 5, 1),
+        (2008, 3, 1.1535015850647599),
+    ],
+)
+def test_a_cut_motion_that_is_possible_at_single_instants(seed, waypoints, cut):
+    """Cut at a waypoint, or at a time within a segment, s."""
+    problem = drawn(seed, waypoints=waypoints, jerk=False)
+    motion = solved(problem)
+    at_waypoint = isinstance(cut, int)
+    parts_take_as_long(problem, motion, motion.waypoint_times[cut] if at_waypoint else cut)
 
 
 def test_starts_stand_on_both_sides_of_every_gap():
