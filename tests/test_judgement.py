@@ -224,6 +224,11 @@ def test_a_motion_of_another_robot_is_unsupported():
     assert "expected the joints elbow" in entry.solve(renamed).message
 
 
+def test_a_motion_was_not_planned_with_the_limits_of_other_segments():
+    problem = Problem([[0.0], [0.5], [1.0]], Limits([[[-2.0, 2.0]], [[-3.0, 3.0]]], [4.0]))
+    assert GivenMotion(motion(samples())).solve(problem).message == ""
+
+
 def test_values_are_readable():
     judged = trajopt.judge(UNIT, samples())
     said = "Trajectory(2 s, 1 joints, 2 pieces of degree 3, waypoints at 0, 2 s)"

@@ -503,7 +503,7 @@ class GivenMotion(Planner):
     motion: Motion
 
     drops = True  # no limit is planned for: all are judged
-    knows = tuple(DEMANDS)
+    knows = (*DEMANDS, "segment")
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the motion with the times at which it comes closest to the waypoints, in order."""

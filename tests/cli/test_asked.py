@@ -494,6 +494,32 @@ def test_foreign_keys_and_options_say_what_comes_nearest(run, name):
             Problem.from_toml("cell.toml")
 
 
+@pytest.mark.parametrize(
+    ("own", "foreign"),
+    [
+        ("start_velocity", "current_velocity current_joint_velocities velocity_start sd_start v0"),
+        ("end_velocity", "target_velocity target_joint_velocities vel_end sd_end targetVelocity"),
+        ("start_acceleration", "current_acceleration initial_acc a_start qdd_start"),
+        ("end_acceleration", "target_acceleration final_accel acceleration_end af"),
+        ("[[limits.segment]]", "segment_velocity sections per_section_max_velocity section_limits"),
+        ("rows of waypoints", "current_position target_joint_positions intermediate_positions"),
+        ("scaling factors", "max_velocity_scaling_factor RelativeDynamicsFactor velocity_rel"),
+        ("under [limits]", "velocity_limits vlim max_velocity a_max"),
+    ],
+)
+def test_words_of_other_tools_in_any_order_and_spelling_have_the_right_answer(own, foreign):
+    """Ruckig's, toppra's, MoveIt's and franky's; `target_…` once was told to be the start."""
+    assert not [name for name in foreign.split() if own not in out_of_scope(name)]
+
+
+@pytest.mark.parametrize("key", ["velocity", "jerk"])
+def test_a_limit_beside_the_waypoints_is_told_where_it_goes(key, tmp_path):
+    file = tmp_path / "cell.toml"
+    file.write_text(f"{key} = [3.0]\n{PROBLEM}", encoding="utf-8")
+    with pytest.raises(InvalidInput, match=rf"{key} is .*: expected this key under \[limits\]"):
+        Problem.from_toml(file)
+
+
 def test_known_keys_and_options_are_in_scope():
     text = subprocess.run(
         ["git", "grep", "-hoE", "^[a-z_]+ =", "--", "data/problems"],

@@ -26,6 +26,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.cli import compare, plan, suite_table
 from trajopt.cli.explain import RUNS, explained_run
+from trajopt.explain.active_limits import active_limits
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries, load, options
 from trajopt.views.results import Results
@@ -867,6 +868,25 @@ def test_the_median_run_is_explained_unless_a_seed_is_named():
     drawn.close()
     with closing(Supervised("ruckig-stop", problem)) as stopping:
         assert explained_run(stopping, problem, None).seed == 0
+
+
+def test_a_limit_of_one_segment_saves_what_that_segment_saves():
+    """One joint from rest to 1 and, at V at most, to 11 rad: both times are known in closed form.
+
+    It speeds up to p with p² = 1 + V²/2, passes at V, stays at V, and brakes.
+    """
+
+    def duration(v):
+        return 2 * np.sqrt(1 + v**2 / 2) - v + (10 - v**2 / 2) / v + v
+
+    pairs = [[[-10.0, 10.0]], [[-1.0, 1.0]]]
+    problem = Problem([[0.0], [1.0], [11.0]], Limits(pairs, [1.0]))
+    with closing(Supervised("exact", problem)) as planner:
+        motion = planner.solve(problem).trajectory
+        assert motion.duration == pytest.approx(duration(1.0), rel=1e-9)
+        (row,) = [own for own in active_limits(problem, motion, planner) if own.limit == "velocity"]
+    assert (row.joint, row.segment) == (0, 1)
+    assert row.saving == pytest.approx(duration(1.0) - duration(1.01), abs=1e-8)
 
 
 def test_a_results_folder_that_is_a_loop_of_links(trajopt, tmp_path):

@@ -82,7 +82,7 @@ def test_it_is_judged_as_a_loop():
 @pytest.mark.parametrize(
     ("waypoints", "demands", "message"),
     [
-        (LOOP[:4], {}, "closed, last waypoint, joint 1 is 1.0: expected the first waypoint again"),
+        (LOOP[:4], {}, "closed, last waypoint, joint 1: expected the first waypoint again"),
         (LOOP, {"start_velocity": [1, 0]}, "closed is True: expected no start_velocity"),
         (LOOP, {"dwell": [0, 1, 0, 0, 0]}, "closed is True: expected no dwell"),
     ],

@@ -48,7 +48,7 @@ def problem(limits=None, **demands):
         (
             {"acceleration": [1.5], **WALLS},
             {"end_velocity": [-2.0]},
-            "takes 1.33333 rad to gain that speed, and its position limit is 1 rad away",
+            "takes 1.33333 rad to reach, and its position limit is 1 rad away",
         ),
     ],
 )

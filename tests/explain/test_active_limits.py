@@ -97,6 +97,13 @@ def test_without_a_solver_the_trajectory_is_dilated() -> None:
     assert row.saving == pytest.approx(1 - 1.01**-0.5, rel=1e-9)
 
 
+def test_a_motion_that_cannot_be_dilated_has_no_known_saving() -> None:
+    moving = Problem([[0.0], [1.0]], Limits([9.0], [4.0]), demands={"start_velocity": [0.5]})
+    motion = Exact().solve(moving).trajectory
+    assert motion is not None
+    assert {row.saving for row in active_limits(moving, motion, None)} == {None}
+
+
 @pytest.mark.parametrize("seed", range(100, 106))
 def test_savings_of_an_optimum_add_up_to_what_scaling_all_limits_saves(seed: int) -> None:
     # T is homogeneous: V dT/dV + 2 A dT/dA = -T, summed over joints (Euler).

@@ -195,6 +195,8 @@ def _active_limits(problem: Problem, found: Explanation) -> str:
     """Name the three limits that cost most time, each with its longest interval."""
     if not found.active_limits:
         return "No limit holds it back: none is used to 99 %."
+    if all(interval.saving is None for interval in found.active_limits):
+        return "It reaches limits; what a higher one would save is not known."
     least = MIN_SAVING_RTOL * found.certified_duration
     longest = _longest(found.active_limits)
     costly = [interval for interval in longest if _saving(interval) > least]

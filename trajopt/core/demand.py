@@ -201,7 +201,7 @@ class _EndAcceleration(Demand):
     def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
         for joint in np.flatnonzero((numbers != 0) & ~limits.jerk_limited).tolist():
             right = "0, or a jerk limit: without one the acceleration may jump at the ends"
-            raise InvalidInput(self.key, right, value=numbers[joint], joint=joint)
+            raise InvalidInput(self.key, right, joint=joint)  # a file may say it in degrees
 
     def under(self, numbers: Array, limits: Limits) -> Array:
         return np.where(limits.jerk_limited, numbers, 0.0)
@@ -259,9 +259,8 @@ class _Closed(Demand):
     def check_way(self, numbers: Array, waypoints: Array, rounding: Array) -> None:
         apart = np.abs(waypoints[-1] - waypoints[0]) > 2 * rounding
         for joint in np.flatnonzero(apart).tolist():
-            right = f"the first waypoint again as the last, {waypoints[0, joint]:.9g}"
-            value = float(waypoints[-1, joint])
-            raise InvalidInput(f"{self.key}, last waypoint", right, value=value, joint=joint)
+            right = "the first waypoint again as the last"
+            raise InvalidInput(f"{self.key}, last waypoint", right, joint=joint)
 
 
 class _WaypointTolerance(Demand):

@@ -104,7 +104,7 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
         )
     rounding = float(problem.rounding[number])
     if own.way > own.room * (1 + LIMIT_RTOL) + rounding:
-        side = "to stop" if not is_end else "to gain that speed"
+        side = "to stop" if not is_end else "to reach"
         return (
             f"{said} {per_s}, takes {own.way:.6g} {unit} {side}, and its position limit is "
             f"{own.room:.6g} {unit} away"

@@ -10,17 +10,26 @@ SCOPE = (
     "between them; limits of velocity, acceleration, jerk and position per joint; motions as a "
     "controller executes them. Not in scope: obstacles, torques, tool speed, orientation."
 )
-# A pattern of names (`max_torque`, `tcp_speed`), and the sentence that answers such a name.
 _SPEED = (
     "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
     "nearest are lower limits, or the scaling factors of a joint_limits.yaml"
 )
 
 
+def _with(*kinds: str) -> str:
+    """Return a pattern of names that have a word of each kind, in any order, parted by `_`."""
+    return "".join(rf"(?=(.*_)?({kind})(_|$))" for kind in kinds) + r"\w+"
+
+
+_START = "start|initial|init|current"
+_END = "end|final|goal|target|boundary"
+_VELOCITY = r"velocit(y|ies)|vels?|speeds?|states?|qds?|dqs?|sd|v"
+_ACCELERATION = r"accelerations?|accels?|accs?|qdds?|ddqs?|sdd|a"
 _AT_ENDS = (
     "states at the ends have names of their own in this tool; the nearest is {}, beside the "
     "waypoints of a problem file, a number per joint"
 )
+# A pattern of names (`max_torque`, `tcp_speed`), and the sentence that answers such a name.
 _ELSEWHERE = {
     r"position_based_velocity(_limits?)?|(velocity_offset|deceleration_limit)s?": (
         "velocity limits that fall near the ends of a joint's range are limits.falling_velocity in "
@@ -51,21 +60,18 @@ _ELSEWHERE = {
         "least times have a name of their own in this tool; the nearest is least_times, beside the "
         "waypoints of a problem file, a time per segment"
     ),
-    r"\w*(start|initial|current)_acceleration\w*|a0|sdd_start": _AT_ENDS.format(
-        "start_acceleration"
-    ),
-    r"\w*(end|final|goal|target)_acceleration\w*|af|sdd_end": _AT_ENDS.format("end_acceleration"),
-    r"\w*(start|initial|current)_(velocit|speed|state)\w*|v0|sd_start": _AT_ENDS.format(
-        "start_velocity"
-    ),
-    r"\w*(end|final|goal|target|boundary)_(velocit|speed|state)\w*|vf|sd_end": _AT_ENDS.format(
-        "end_velocity"
-    ),
+    _with(_START, _ACCELERATION) + "|a0": _AT_ENDS.format("start_acceleration"),
+    _with(_END, _ACCELERATION) + "|af": _AT_ENDS.format("end_acceleration"),
+    _with(_START, _VELOCITY) + "|(v|qd|dq)0": _AT_ENDS.format("start_velocity"),
+    _with(_END, _VELOCITY) + "|(v|qd|dq)f": _AT_ENDS.format("end_velocity"),
     r"(is_)?(cyclic|periodic|looped|loop|repeat(ed)?)": (
         "a motion that ends as it begins has a name of its own in this tool; the nearest is "
         "closed = true, beside waypoints whose last row is the first"
     ),
-    r"segments?|\w*(segment_\w*limit|limits?_per|per_(segment|section))\w*": (
+    (
+        r"(segment|section)s?|(segment|section)s?_\w*(limit|velocit|speed|acceleration|jerk)\w*|"
+        r"\w*(limits?_per|per_(segment|section|gridpoint))\w*"
+    ): (
         "limits of one segment have a place of their own in this tool; the nearest are "
         "tables [[limits.segment]] of a problem file, each with number (from 1) and velocity, "
         "acceleration or jerk"
@@ -79,10 +85,15 @@ _ELSEWHERE = {
         "waypoints of a problem file, a time per segment; or `trajopt judge`, for a motion that "
         "has times"
     ),
-    r"(intermediate|via)_(positions|points)": (
-        "points between start and goal are rows of waypoints, in order, with both ends"
+    _with(f"{_START}|{_END}|intermediate|via", "positions?|points?|waypoints?"): (
+        "start, goal and the points between them are rows of waypoints in this tool, in order"
     ),
-    r"(min|max)_(velocity|acceleration|jerk|position)s?": (
+    r"(way_?points?|via|intermediate)_(velocit(y|ies)|accelerations?)": (
+        "the planner finds the states at inner waypoints; the nearest are start_velocity and "
+        "end_velocity, or `trajopt judge`, for a motion that has states"
+    ),
+    r"(min|max)_(velocity|acceleration|jerk|position)s?|"
+    r"(velocity|acceleration|jerk|position)_limits?|[vaj]_?(max|lims?)": (
         "limits are under [limits], as velocity = [...]; a pair [low, high] has two sides"
     ),
     r"\w*(margin|safety)\w*": (
@@ -116,7 +127,8 @@ _OPTIONS = {
 
 def out_of_scope(name: str) -> str:
     """Return a sentence about a key or an `--option` of other tools; empty for any other name."""
-    word = name.strip("-").replace("-", "_").lower()
-    known = _ELSEWHERE | (_OPTIONS if name.startswith("--") else {})
+    word = re.sub("(?<=[a-z])(?=[A-Z])", "_", name.strip("-")).replace("-", "_").lower()
+    word = re.sub("joints?_(?=.)", "", word)
+    known = _OPTIONS | _ELSEWHERE if name.startswith("--") else _ELSEWHERE
     found = (text for pattern, text in known.items() if re.fullmatch(pattern, word))
     return next(found, "")

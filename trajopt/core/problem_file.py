@@ -113,6 +113,9 @@ def units(path: Path) -> list[str]:
 def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem]) -> Problem:
     arm = _arm(table)
     required = ("waypoints",) if arm else ("limits", "waypoints")
+    for key in KINDS:
+        if key in table:
+            raise InvalidInput(key, f"this key under [limits], as {key} = [...]", value=table[key])
     check_keys("", table, _KEYS, required)
     given = table.get("limits", {})
     if not isinstance(given, Mapping):

@@ -62,7 +62,7 @@ def active_limits(
     """Return all intervals at a limit, those of the limits with the largest savings first.
 
     `solver` solves the problem again with each limit relaxed. Without one the trajectory is dilated
-    to the relaxed limits.
+    to the relaxed limits; where a demand forbids that, as a velocity at an end, no saving is known.
     """
     found = list(stretches(problem, trajectory))
     if not found:
@@ -115,8 +115,13 @@ def _highest_saving(limit: str) -> float:
 
 
 def _duration(problem: Problem, trajectory: Trajectory, solver: Planner | None) -> float | None:
-    """Return the solver's duration, or that of the trajectory dilated to the limits, s."""
+    """Return the solver's duration, or that of the trajectory dilated to the limits, s.
+
+    None where there is neither: no motion, or one that may not be dilated.
+    """
     if solver is None:
+        if not problem.route.dilatable:
+            return None
         return verify(problem, trajectory).dilation * trajectory.duration
     answer = solver.solve(problem).trajectory
     if answer is None:

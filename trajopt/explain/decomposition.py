@@ -168,12 +168,12 @@ def _solver(
     planner: Planner | None, problem: Problem, own: Trajectory
 ) -> tuple[Planner | None, str]:
     """Return a solver for relaxed limits. A swarm is replaced: its scatter exceeds the savings."""
-    if planner is None:
-        return None, "this trajectory, dilated less"
-    if not planner.stochastic:
+    if planner is not None and not planner.stochastic:
         return planner, "this planner, planning again"
-    if _is_spline353(problem, own):
+    if planner is not None and _is_spline353(problem, own):
         return load(BEST_353), "the best 3-5-3, found again"
+    if not problem.route.dilatable:
+        return None, "not known: this trajectory cannot be dilated"
     return None, "this trajectory, dilated less"
 
 

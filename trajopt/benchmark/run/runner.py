@@ -223,7 +223,7 @@ class Supervised(Planner):
         self.profile = profiled(contestant, [problem], self._allowed)
         self.stochastic = self.profile.stochastic
         # the planner itself says in its process what it leaves out
-        self.knows = (*KINDS, *DEMANDS)
+        self.knows = (*KINDS, *DEMANDS, "segment")
         self._judges = Judges()
 
     def trials(self, problem: Problem, seeds: Sequence[int]) -> list[Trial]:
