@@ -6,6 +6,9 @@ intervals between them are found on a grid of times, with the extreme profiles. 
 other end a grid of states is tried, and the one with the most slack is taken. The method has to
 start with positive slack in every inequality, and these times and states have that.
 
+In a problem of one segment all states are given, and only the time is free. Its optimum is the
+first possible time (`first_time`), which may be a single one before a gap.
+
 A motion in motion cannot be dilated. So its limits are made tighter by 1e-10, relative, for its
 rounding, or by 1e-8 (`spare`).
 """
@@ -13,7 +16,7 @@ rounding, or by 1e-8 (`spare`).
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice, product
 from typing import NamedTuple
 
@@ -32,6 +35,7 @@ KEPT = 5e-13
 _TIMES = 160
 _LONGEST = 30.0
 _SHORTEST = 1e-3
+_TINIEST = 1e-9
 # Grid of states at a segment's free end: velocities as shares of their limits, accelerations as
 # shares of the largest ones possible at such a velocity.
 _VELOCITIES = np.linspace(-0.95, 0.95, 21)
@@ -40,9 +44,11 @@ _ACCELERATIONS = np.linspace(-0.9, 0.9, 5)
 _JERKS = (-0.8, -0.3, 0.0, 0.3, 0.8)
 # Further times of the grid, relative to the time of passing the segment at constant velocity.
 _PASSING = np.linspace(0.85, 1.15, 25)
-# A finer grid between two times of it, and how often it is made finer where all states are given.
-_FINER = 33
-_ZOOMS = 3
+# Number of times that are tried where only the time is free; each edge is then so often halved.
+_ALONE_TIMES = 2000
+_HALVINGS = 50
+# Rounding of a slack, relative to the changes of position that it is the difference of.
+_ROUNDING_RTOL = 1e-13
 # Least slack of an initial guess's displacements, in units of the time squared.
 _SLACK = 1e-6
 # Distance of an initial guess from the edge of its interval, in times of the grid. The second value
@@ -96,11 +102,56 @@ def spare(scaled: Scaled, share: float) -> None:
     scaled.r = scaled.r / r
 
 
+def first_time(scaled: Scaled) -> list[JerkStart]:
+    """Return the first time in which a problem of one segment is possible; none if there is none.
+
+    At that time one joint becomes possible. So the times at which any does are tried in order: an
+    extreme displacement equals the segment's own, or end states come into reach of each other. The
+    time is later by 1e-10, relative, or half of what it can be, which is left to rounding.
+    """
+    given = np.array([*zip(scaled.end_v, scaled.end_a, strict=True)])
+    speed = np.abs(given[:, 0]).sum(axis=0)
+
+    def slack(times: Array) -> Array:
+        states = np.repeat(given[:, :, None], len(times), axis=2)
+        t = times[:, None]
+        rounding = _ROUNDING_RTOL * (np.abs(scaled.h[0]) / t + speed) / t
+        return _slack(scaled, 0, times, states) + rounding
+
+    def edges(times: Array, inside: Callable[[Array], Bools]) -> Array:
+        """Return the two times next to each edge between which `inside` changes."""
+        found = inside(times)
+        own = np.nonzero(found[:, 1:] != found[:, :-1])
+        side, place, joint = own
+        early, late = times[place], times[place + 1]
+        begins = found[side, place + 1, joint]
+        every = np.arange(len(place))
+        for _ in range(_HALVINGS if len(place) else 0):
+            middle = (early + late) / 2
+            is_after = inside(middle)[side, every, joint] == begins
+            early, late = np.where(is_after, early, middle), np.where(is_after, middle, late)
+        return np.concatenate([early, late])
+
+    low = max(float(scaled.shortest[0]), float(scaled.least[0]), _TINIEST)
+    times = np.geomspace(low, _LONGEST * max(float(scaled.stop[0]), low), _ALONE_TIMES)
+    with np.errstate(all="ignore"):
+        times = np.union1d(times, edges(times, lambda own: np.isfinite(slack(own))))
+        tried = np.union1d(times[:1], edges(times, lambda own: slack(own) >= 0))
+        possible = np.all(slack(tried) >= 0, axis=(0, 2))
+    if not possible.any():
+        return []
+    first = int(possible.argmax())
+    last = first + int(np.append(possible[first:], False).argmin()) - 1
+    time = tried[first] + min((tried[last] - tried[first]) / 2, SPARES[0] * tried[first])
+    none = np.zeros((0, scaled.h.shape[1]))
+    return [JerkStart(time[None], none, none)]
+
+
 def starts(scaled: Scaled, depth: int = DEPTHS[0]) -> list[JerkStart]:
     """Return an initial guess in every combination of the intervals of both end segments.
 
     Args:
-        scaled: A problem that begins or ends in motion.
+        scaled: A problem of several segments that begins or ends in motion.
         depth: Distance of a guess from the edge of its interval, in times of the grid.
     """
     with np.errstate(all="ignore"):
@@ -116,11 +167,6 @@ def more_starts(scaled: Scaled) -> Iterator[JerkStart]:
 def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
     segments, joints = scaled.h.shape
     start, end = (np.array(pair) for pair in zip(scaled.end_v, scaled.end_a, strict=True))
-    none = np.zeros((max(segments - 1, 0), joints))
-    if segments == 1:
-        for time in _between(scaled, depth, 0, start, end, _ZOOMS):
-            yield JerkStart(np.array([time]), none, none)
-        return
     rest = np.zeros((2, joints))
     firsts = [*_beside(scaled, depth, 0, start, first=True), _Beside(np.nan, rest)]
     lasts = [*_beside(scaled, depth, segments - 1, end, first=False), _Beside(np.nan, rest)]
@@ -151,22 +197,11 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
             yield JerkStart(np.array(times), inner[:, 0], inner[:, 1])
 
 
-def _between(
-    scaled: Scaled, depth: int, segment: int, start: Array, end: Array, zooms: int = 0
-) -> list[float]:
-    """Return a time in every interval in which a segment leads from one state to another.
-
-    `zooms`: how often the grid is made finer where the slack has a peak below the least one.
-    """
+def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array) -> list[float]:
+    """Return a time in every interval in which a segment leads from one state to another."""
     times = _grid(scaled, segment, (start[0] + end[0]) / 2)
-    for zoom in range(zooms + 1):
-        states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
-        slack = _slack(scaled, segment, times, states).min(axis=1)
-        before, own, after = slack[:-2], slack[1:-1], slack[2:]
-        peaks = np.flatnonzero((own >= before) & (own > after) & (own <= _SLACK))
-        if zoom < zooms:
-            finer = np.linspace(times[peaks], times[peaks + 2], _FINER)
-            times = np.union1d(times, finer)
+    states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
+    slack = _slack(scaled, segment, times, states).min(axis=(0, 2))
     return [float(times[place]) for place in _places(slack > _SLACK, depth)]
 
 
@@ -202,7 +237,8 @@ def _beside(
     chosen = np.zeros((len(times), 2, joints))
     held = np.repeat(given[:, None], len(times), axis=1)
     for state in tried:
-        slack = _slack(scaled, segment, times, np.stack([held, state] if first else [state, held]))
+        ends = np.stack([held, state] if first else [state, held])
+        slack = _slack(scaled, segment, times, ends).min(axis=0)
         better = slack > best
         best = np.where(better, slack, best)
         chosen = np.where(better[:, None], state.swapaxes(0, 1), chosen)
@@ -226,7 +262,7 @@ def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterat
 
 
 def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
-    """Return the smaller slack of both extreme displacements, over T², `(times, joints)`.
+    """Return the slack of both extreme displacements, over T², `(2 sides, times, joints)`.
 
     It is minus infinity where the states are not reachable from each other in the time.
 
@@ -246,8 +282,7 @@ def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
     none = np.zeros((len(times), 0, scaled.h.shape[1]))
     tables = JerkTables(own)
     rows = JerkInequalities(tables, tables.linked(times[:, None], none, none))
-    reachable = np.all(rows.profiles.reachable, axis=0)
-    return np.where(reachable, rows.reach.min(axis=0), -np.inf)[:, 0]
+    return np.where(rows.profiles.reachable, rows.reach, -np.inf)[:, :, 0]
 
 
 def _of(limits: Array, segment: int) -> Array:

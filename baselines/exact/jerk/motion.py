@@ -27,7 +27,7 @@ from baselines.exact.jerk.near import NearUnknowns, at_exact_points
 from baselines.exact.method.chain import at_ends, with_outer
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
-from baselines.exact.method.segments import MOST, Segments
+from baselines.exact.method.segments import MOST, MOST_IN_MOTION, Segments
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
 
@@ -43,8 +43,9 @@ ROUNDING = 4e-15
 NEAR_RTOL = 1e-4
 NEWTON_STEPS = 2
 EVEN = 2  # number of evenly spaced inner breaks of a segment
-# A break is removed if that costs less velocity than jerk gains in this share of a ramp.
-LEAST_RTOL = 7e-6
+# A break is removed if that costs less velocity than jerk gains in this share of a ramp; the second
+# value is that of a motion that cannot be dilated.
+LEAST_RTOL = 7e-6, 3e-7
 # Breaks closer than this to another one, relative to the segment's shortest full ramp, are tried.
 CLOSE_RTOL = 1e-2
 # Share of a jerk limit that the last place of a velocity may cost in a segment.
@@ -105,13 +106,16 @@ def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Piec
     starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
     signs = np.array([[[-1.0]], [[1.0]]])
     limited = scaled.v, scaled.a, signs / scaled.r
-    segments = Segments.under(starts, stops, scaled.h, *limited)
+    at_rest = scaled.problem.route.at_rest
+    most = MOST if at_rest else MOST_IN_MOTION
+    segments = Segments.under(starts, stops, scaled.h, *limited)._replace(most=most)
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = segments.mended(profiles.pieces(even, limits))
-    suffices = segments.use(gentle) <= MOST
+    suffices = segments.use(gentle) <= most
     needs_own = ~(suffices & limits.jerky)
-    breaks = _breaks(profiles, limits, even, needs_own)
+    briefs = LEAST_RTOL[not at_rest] * limits.ramp
+    breaks = _breaks(profiles, briefs, even, needs_own)
     own = profiles.pieces(breaks, limits)
     others = _cut(gentle, breaks, limits)
     start = np.where(needs_own, own.start, others.start)
@@ -528,15 +532,13 @@ def _knots(phases: Array) -> Array:
     return np.where(is_before, from_start, from_end)
 
 
-def _breaks(
-    profiles: _KnottedProfiles, limits: _AllowedMotion, even: Array, needs_own: Bools
-) -> Array:
+def _breaks(profiles: _KnottedProfiles, briefs: Array, even: Array, needs_own: Bools) -> Array:
     """Return the breaks of all joints of a segment, shares of its time, `(breaks, segments)`.
 
-    They end with ones, where a segment has fewer than others.
+    They end with ones, where a segment has fewer than others. `briefs`: the time of `_apart` of
+    each joint, `(segments, joints)`.
     """
     wanted = np.where(needs_own, profiles.breaks(), np.nan)
-    briefs = LEAST_RTOL * limits.ramp
     found = []
     for k, inner in enumerate(even[1:-1].T.tolist()):
         own = wanted[:, k]

@@ -120,7 +120,9 @@ class ExactJerk(SeveralStarts):
         """
         if problem.route.at_rest:
             return self._from_starts(problem, left_out, passing, patient)
-        for spare in gaps.SPARES:
+        # where only the time is free no descent needs room inside the limits
+        spares = gaps.SPARES if len(problem.waypoints) > 2 else (0.0, *gaps.SPARES)
+        for spare in spares:
             solution = self._from_starts(problem, left_out, passing, patient, spare)
             motion = solution.trajectory
             if motion is None or keeping(problem, motion) is not None:
@@ -151,6 +153,8 @@ class ExactJerk(SeveralStarts):
                 return minimised(scaled, [own.times for own in starts])
             return _minimised(scaled, starts)
 
+        if not problem.route.at_rest and len(scaled.h) == 1:
+            return self.best_of(scaled, partial(_met, scaled), iter(gaps.first_time(scaled)))
         if not problem.route.at_rest:
             beside = [*gaps.starts(scaled), *even_pieces.starts(scaled)]
             every = chain(beside, gaps.more_starts(scaled) if patient else ())
@@ -184,6 +188,16 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
     while True:
         slower = rng.uniform(STOPPING_DILATION, MAX_START_DILATION, len(scaled.stop))
         yield JerkStart(slower * scaled.stop, at_rest, at_rest)
+
+
+def _met(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
+    """Return starts that are optima themselves."""
+    cells = JerkTables(scaled)
+    optima = []
+    for own in starts:
+        states = cells.linked(*(values[None] for values in own))
+        optima.append(LocalOptimum(own.times.sum(), own.times, states, "Converged"))
+    return optima
 
 
 def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:

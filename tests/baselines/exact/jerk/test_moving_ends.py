@@ -68,24 +68,25 @@ def test_a_start_at_its_velocity_limit(seed, joint):
     assert motion.duration == pytest.approx(optimum(problem).duration, rel=1e-8)
 
 
-@pytest.mark.parametrize("seed", [3, 7])
+# in 11, 13 and 2025 a part of one segment is possible at one single instant
+@pytest.mark.parametrize("seed", [3, 7, 11, 13, 2019, 2025])
 def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
-    problem = drawn(seed, waypoints=4, joints=2, jerk=True)
+    problem = drawn(seed, waypoints=3 + seed // 2 % 3, jerk=True)
     motion = solved(problem)
-    cut = motion.waypoint_times[1]
-    there = {"velocity": motion(cut, 1), "acceleration": motion(cut, 2)}
-    for rows, end, duration in (
-        (slice(0, 2), "end", cut),
-        (slice(1, None), "start", motion.duration - cut),
-    ):
-        other = {"end": "start", "start": "end"}[end]
-        demands = {f"{end}_{rate}": own for rate, own in there.items()}
-        demands |= {key: own for key, own in problem.demands.items() if key.startswith(other)}
-        part = Problem(problem.waypoints[rows], problem.limits, demands=demands)
-        assert solved(part).duration == pytest.approx(duration, rel=1e-5)
+    for k, cut in enumerate(motion.waypoint_times[1:-1], 1):
+        there = {"velocity": motion(cut, 1), "acceleration": motion(cut, 2)}
+        for rows, end, duration in (
+            (slice(0, k + 1), "end", cut),
+            (slice(k, None), "start", motion.duration - cut),
+        ):
+            other = {"end": "start", "start": "end"}[end]
+            demands = {f"{end}_{rate}": own for rate, own in there.items()}
+            demands |= {key: own for key, own in problem.demands.items() if key.startswith(other)}
+            part = Problem(problem.waypoints[rows], problem.limits, demands=demands)
+            assert solved(part).duration == pytest.approx(duration, rel=2e-8)
     route = problem.route.reversed()
     backwards = Problem(route.waypoints, problem.limits, demands=route.demands)
-    assert solved(backwards).duration == pytest.approx(motion.duration, rel=1e-8)
+    assert solved(backwards).duration == pytest.approx(motion.duration, rel=2e-8)
 
 
 def test_impossible_accelerations_are_infeasible():
