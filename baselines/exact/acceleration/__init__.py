@@ -4,6 +4,7 @@ In reading order:
 
 - `planner`: the program, its initial guesses and its answer.
 - `gaps`: the initial guesses of a motion that begins or ends in motion.
+- `instants`: times at which such a motion is possible at single instants alone.
 - `profiles`: the two extreme profiles of a joint in a segment, in closed form.
 - `cells`, `newton_step`: unknowns, inequalities and Newton steps of the program.
 - `demands`: the same for a route with demands: least times, a tolerance, a closed motion.

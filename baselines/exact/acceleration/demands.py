@@ -3,7 +3,8 @@
 Three demands add inequalities or unknowns. Without them `newton_step` solves the same program
 faster.
 
-- *Least times*: `log T ≥ log τ`, one inequality for each segment.
+- *Least times*: `log T ≥ log τ`, one inequality for each segment. Latest times, which keep an
+  initial guess before a gap, are the same with `≤`.
 - *Tolerance*: the inner waypoints' offsets `p` are unknowns, `|p| ≤ r`. A cell's displacement grows
   by the offset `p'` at its end less the one `p` at its start. So its displacement inequality
   changes by `(p' − p)/T²`, in the cell's units. In the chain an offset stands where the program
@@ -67,7 +68,7 @@ class DemandTables(AccelerationTables):
     def __init__(self, scaled: Any, starts: int) -> None:
         super().__init__(scaled, starts)
         self.tolerant = bool(scaled.tolerance.any())
-        self.bounded = scaled.least > 0
+        self.bounded = np.array([scaled.least > 0, np.isfinite(scaled.latest)])
         # half width of the box around the waypoint at each cell's end; 1 for an exact waypoint
         box = np.zeros(self.every)
         box[:, : len(scaled.tolerance)] = scaled.tolerance
@@ -128,10 +129,14 @@ class DemandInequalities(AccelerationInequalities):
             # (r − p) / r and (r + p) / r
             added.append(np.where(cells.free, 1 - offset[1] / cells.box, 1.0))
         if cells.bounded.any():
-            longer = np.log(self.times / np.where(cells.bounded, cells.scaled.least, 1.0))
-            least = np.array([one, one])
-            least[0, :, :, 0] = np.where(cells.bounded, longer, 1.0)
-            added.append(least)
+            least, latest = cells.scaled.least, cells.scaled.latest
+            is_least, is_latest = cells.bounded
+            longer = np.log(self.times / np.where(is_least, least, 1.0))
+            earlier = np.log(np.where(is_latest, latest, 1.0) / self.times)
+            bounds = np.array([one, one])
+            bounds[0, :, :, 0] = np.where(is_least, longer, 1.0)
+            bounds[1, :, :, 0] = np.where(is_latest, earlier, 1.0)
+            added.append(bounds)
         self.values = np.concatenate([self.values, *[rows[None] for rows in added]])
 
     def linear(self, multipliers: Array, weights: Array) -> Any:
@@ -166,7 +171,7 @@ class DemandInequalities(AccelerationInequalities):
             slopes[_P1, 1] = -(cells.free / self.t**2)
             slopes[_P1, kinds] = -(cells.free / cells.box)
         if cells.bounded.any():
-            slopes[_S, -1, 0, :, :, 0] = cells.bounded
+            slopes[_S, -1, 0, :, :, 0], slopes[_S, -1, 1, :, :, 0] = cells.bounded * [[1], [-1]]
         return slopes
 
 

@@ -2,10 +2,14 @@
 
 A joint begins at the velocity `v0` and cannot stop before the next waypoint: `v0² > 2 A h`. It can
 pass this waypoint before `(v0 − √(v0² − 2 A h)) / A` or after `(v0 + √(v0² − 2 A h)) / A`, but not
-in between (mathematics, section 3). A descent does not cross such a gap. So there is an initial
+in between (mathematics, section 3). A descent rarely crosses such a gap. So there is an initial
 guess in every interval of time between the gaps of all joints. The first segment has such
 intervals, and each next one as long as the joints have had no time to stop. Backwards from the last
 segment it is the same. The guesses are all combinations of these intervals.
+
+An interval may be narrow, down to a single time: one joint speeds up throughout the segment and
+another one brakes throughout it. A part of an optimal motion often has such a segment. These
+intervals have guesses of their own, whose times stay below the middle of the gap (`narrow`).
 """
 
 from __future__ import annotations
@@ -25,6 +29,11 @@ MAX_STARTS = 64
 _INSIDE = 1.1
 # Place of a second, slower guess in an interval before a gap, as a share of the interval.
 _SLOW_SHARE = 0.95
+# Longest over least time of an interval that counts as a single time: it may be one, and the
+# velocity before it is a guess.
+_ONE_TIME = 1 + 1e-6
+# Widest narrow interval, relative to its least time.
+NARROW = 0.1
 # Largest share of the velocity limits that a guess uses.
 _LIMIT_SHARE = 0.98
 # Number of times that are tried for a segment between two given velocities, and for a problem of
@@ -34,8 +43,6 @@ _BORDER_TRIED = 2000
 _HALVINGS = 60
 # The longest time that is tried, relative to the time in which every joint can stop.
 _LONGEST = 4.0
-
-Start = tuple[Array, Array]  # segment times, waypoint velocities
 
 
 class _Way(NamedTuple):
@@ -58,28 +65,86 @@ class _Way(NamedTuple):
         return _Way(-self.h[::-1], -self.v[::-1, ::-1], self.a[:, ::-1], self.stop[::-1])
 
 
+class _Interval(NamedTuple):
+    """Times between the gaps of all joints, in which a segment may be passed.
+
+    Attributes:
+        low, high: Its least time and its longest one; the last interval has no longest one.
+        latest: The middle of the gap after it.
+    """
+
+    low: float
+    high: float = np.inf
+    latest: float = np.inf
+
+    @property
+    def times(self) -> list[float]:
+        """Return times of guesses within the interval, or beyond the last gap."""
+        low, high = self.low, self.high
+        if np.isinf(high):
+            return [_INSIDE * low]
+        early = min((low + high) / 2, _INSIDE * low) if low > 0 else high / 2
+        if high <= _ONE_TIME * low:
+            return [early]
+        # a slower guess too: the next segment may require a low velocity
+        return [early, low + _SLOW_SHARE * (high - low)]
+
+
 class _Fast(NamedTuple):
     """Times and velocities of the first segments, in which the joints have no time to stop.
 
     Attributes:
         times: Of these segments; none where the joints can stop in the first one.
         velocities: At their waypoints, one more than times, `(joints,)` each.
+        first: The interval of the first segment's time; None where there is no segment.
     """
 
     times: tuple[float, ...]
     velocities: tuple[Array, ...]
+    first: _Interval = _Interval(0.0)
+
+    def narrower(self, width: float) -> bool:
+        """Return whether the first segment's interval is narrower than this, relative."""
+        return self.first.high <= (1 + width) * self.first.low
 
 
-def starts(scaled: Scaled) -> list[Start]:
+class Start(NamedTuple):
+    """An initial guess.
+
+    Attributes:
+        times: Of the segments, `(segments,)`.
+        velocities: At the inner waypoints, `(segments - 1, joints)`.
+        latest: Times of the segments in the gaps that follow the guess, `(segments,)`; infinite
+            where none does.
+    """
+
+    times: Array
+    velocities: Array
+    latest: Array
+
+
+def starts(scaled: Scaled) -> list[tuple[Array, Array]]:
     """Return initial guesses, segment times and inner velocities, in every combination.
 
     Args:
         scaled: A problem that begins or ends in motion.
     """
-    return list(islice(_starts(scaled), MAX_STARTS))
+    return [own[:2] for own in islice(_starts(scaled), MAX_STARTS)]
 
 
-def _starts(scaled: Scaled) -> Iterator[Start]:
+def narrow(scaled: Scaled) -> list[Start]:
+    """Return initial guesses in narrow intervals before a gap of the first or the last segment.
+
+    A descent from there may cross the gap unless the times are kept below the latest ones.
+
+    Args:
+        scaled: A problem that begins or ends in motion, with limits that are wide enough for an
+            interval of a single time to have a width.
+    """
+    return list(islice(_starts(scaled, NARROW), MAX_STARTS))
+
+
+def _starts(scaled: Scaled, width: float | None = None) -> Iterator[Start]:
     segments = len(scaled.h)
     whole = (2, *scaled.h.shape)
     v, a = (np.broadcast_to(own.reshape(2, -1, whole[-1]), whole) for own in (scaled.v, scaled.a))
@@ -87,6 +152,8 @@ def _starts(scaled: Scaled) -> Iterator[Start]:
     back = way.backwards
     start, end = scaled.end_v
     for first, last in product(_fast(way, start), _fast(back, -end)):
+        if width is not None and not (first.narrower(width) or last.narrower(width)):
+            continue
         begun, ended = len(first.times), len(last.times)
         between = segments - begun - ended
         u, w = first.velocities[-1], -last.velocities[-1]
@@ -96,17 +163,22 @@ def _starts(scaled: Scaled) -> Iterator[Start]:
         times = np.array(scaled.stop)
         times[:begun] = first.times
         times[segments - ended :] = last.times[::-1]
+        latest = np.full(segments, np.inf)
+        latest[[0, -1]] = first.first.latest, last.first.latest
         if between == 1:
             middles = _between(way, begun, u, w)
         elif between > 1:
-            times[segments - ended - 1] = _intervals(back, ended, -w)[-1]
-            middles = [_intervals(way, begun, u)[-1]]
+            times[segments - ended - 1] = _last_time(back, ended, -w)
+            middles = [_last_time(way, begun, u)]
+        elif between == 0:
+            velocities[begun] = (u + w) / 2
+            middles = [times[begun]]
         else:
             continue
         for middle in middles:
             own = times.copy()
             own[begun] = middle
-            yield own, velocities[1:-1]
+            yield Start(own, velocities[1:-1], latest)
 
 
 def borders(scaled: Scaled) -> list[float]:
@@ -150,12 +222,14 @@ def _fast(way: _Way, u: Array) -> Iterator[_Fast]:
     for segment in range(len(way.h) - 1):
         longer = []
         for own in begun:
-            for time in _intervals(way, segment, own.velocities[-1])[:-1]:
-                # velocity at the end of a constant acceleration
-                w = 2 * way.h[segment] / time - own.velocities[-1]
-                low, high = _LIMIT_SHARE * way.v[:, segment]
-                velocities = (*own.velocities, np.clip(w, low, high))
-                longer.append(_Fast((*own.times, time), velocities))
+            for interval in _intervals(way, segment, own.velocities[-1])[:-1]:
+                first = own.first if segment else interval
+                for time in interval.times:
+                    # velocity at the end of a constant acceleration
+                    w = 2 * way.h[segment] / time - own.velocities[-1]
+                    low, high = _LIMIT_SHARE * way.v[:, segment]
+                    velocities = (*own.velocities, np.clip(w, low, high))
+                    longer.append(_Fast((*own.times, time), velocities, first))
         yield from longer
         begun = longer
 
@@ -164,7 +238,7 @@ def _between(way: _Way, segment: int, u: Array, w: Array) -> list[float]:
     """Return a time of every interval in which a segment leads from velocity `u` to `w`."""
     v, a, h = way.v[:, segment], way.a[:, segment], way.h[segment]
     low = max(float(np.maximum(h / v[1], h / v[0]).max()), float(np.abs((w - u) / a).max() / 4))
-    high = _LONGEST * max(float(_intervals(way, segment, u)[-1]), float(way.stop[segment]), low)
+    high = _LONGEST * max(_last_time(way, segment, u), float(way.stop[segment]), low)
     times = np.geomspace(max(low, high * 1e-6), high, _TRIED)
     t = times[:, None]
     braking, speeding = a
@@ -178,8 +252,14 @@ def _between(way: _Way, segment: int, u: Array, w: Array) -> list[float]:
     return [float(times[min((first + after) // 2, first + 5)]) for first, after in pairs]
 
 
-def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
-    """Return times in every interval between the gaps of all joints; the last one has no end.
+def _last_time(way: _Way, segment: int, v0: Array) -> float:
+    """Return the time of a guess after all gaps, in which every joint can stop."""
+    (time,) = _intervals(way, segment, v0)[-1].times
+    return max(time, float(way.stop[segment]))
+
+
+def _intervals(way: _Way, segment: int, v0: Array) -> list[_Interval]:
+    """Return the intervals between the gaps of all joints; the last one has no end.
 
     The velocities at the segment's end are free.
     """
@@ -201,13 +281,10 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[float]:
     low = earliest
     found = []
     for begin, end in sorted(gaps):
-        if begin >= low:
-            found.append(min((low + begin) / 2, _INSIDE * low) if low > 0 else begin / 2)
-            # a slower guess too: the next segment may require a low velocity
-            found.append(low + _SLOW_SHARE * (begin - low))
+        if begin > 0 and begin * _ONE_TIME >= low:
+            found.append(_Interval(min(low, begin), max(low, begin), (begin + end) / 2))
         low = max(low, end)
-    found.append(max(_INSIDE * low, float(way.stop[segment])))
-    return [time for time in found if time > 0]
+    return [*found, _Interval(low)]
 
 
 def _earliest(u: Array, way: Array, top: Array, speeding: Array) -> Array:

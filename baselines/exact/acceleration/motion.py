@@ -14,7 +14,7 @@ import numpy as np
 
 from baselines.exact.acceleration.profiles import Ramps, extremes, gentlest, straightest
 from baselines.exact.method.pieces import Pieces, quotient
-from baselines.exact.method.segments import MOST, Segments
+from baselines.exact.method.segments import Segments
 from trajopt.core.arrays import Array, Bools
 
 # Breaks at a smaller distance than this share of a segment are close.
@@ -50,13 +50,13 @@ class SegmentTask(NamedTuple):
     positions: Array
 
 
-def pieces(task: SegmentTask, brief: float, most: float = MOST) -> Pieces:
+def pieces(task: SegmentTask, brief: float, *, dilatable: bool = True) -> Pieces:
     """Return the motion of all joints: constant accelerations on shared breaks.
 
     Args:
         task: what the motion has to do.
         brief: to remove a piece that takes less, a linear program is tried too.
-        most: largest share of a limit that the motion may use where a break is removed.
+        dilatable: whether the motion can be dilated; if not, it is more accurate.
     """
     between = task.u, task.w, task.times
     limits = task.v, task.a
@@ -77,7 +77,9 @@ def pieces(task: SegmentTask, brief: float, most: float = MOST) -> Pieces:
     acceleration = np.select(parts, [at_first, at_last], 0.0)
     shared = Pieces(np.diff(breaks, axis=0), acceleration, 0 * acceleration)
     unlimited = np.array([[[-np.inf]], [[np.inf]]]) + 0 * task.a
-    segments = Segments.under(task.u, task.w, task.h, *limits, unlimited)._replace(most=most)
+    segments = Segments.under(task.u, task.w, task.h, *limits, unlimited)
+    if not dilatable:
+        segments = segments.undilated
     close = np.maximum(_CLOSE_RTOL * task.times[:, 0], brief)
     return segments.thinned(shared, close, brief)
 

@@ -16,13 +16,14 @@ optimum.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
 
-from baselines.exact.acceleration import boxes, gaps
+from baselines.exact.acceleration import boxes, gaps, instants
 from baselines.exact.acceleration.cells import AccelerationTables
 from baselines.exact.acceleration.demands import DemandInequalities, DemandTables
 from baselines.exact.acceleration.motion import SegmentTask, pieces
@@ -38,12 +39,12 @@ from baselines.exact.method.planner import (
     without_ipopt,
 )
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
-from baselines.exact.method.segments import MOST, MOST_IN_MOTION
 from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import KEPT_RTOL
 from trajopt.planners.reductions import SIMPLEST, reduced
 
 Start = tuple[Array, Array]  # segment times, waypoint velocities
@@ -52,6 +53,8 @@ Start = tuple[Array, Array]  # segment times, waypoint velocities
 MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
+_KEPT_SHARE = 0.5  # of the dilation that the judge takes for rounding
+_WIDER = 1e-9  # share by which limits are wider at first, for an interval of a single time
 MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
 DILATION_TOL = 1e-15
 # A velocity that is closer to its limit than this is set to the limit: the duration changes by the
@@ -115,11 +118,20 @@ class Exact(SeveralStarts):
         starts = starting_points(scaled, (MAX_STARTS_FACTOR if patient else 1) * self.starts)
         if problem.route.at_rest:
             return self.best_of(scaled, solve_from, starts)
-        known = _of_one_segment(scaled) if self.solver == "interior-point" else None
+        beside = gaps.starts(scaled)
+        if self.solver == "ipopt":
+            return self.best_of(scaled, solve_from, chain(beside, starts), apart=len(beside))
+        known = _of_one_segment(scaled)
         if known is not None:
             return self.best_of(scaled, lambda _: [known], iter([(known.times, known.states)]))
-        beside = gaps.starts(scaled)
-        return self.best_of(scaled, solve_from, chain(beside, starts), apart=len(beside))
+        narrow = _before_gaps(scaled)
+
+        def solve_others(starts: Sequence[Start | LocalOptimum]) -> list[LocalOptimum]:
+            optima = [own for own in starts if isinstance(own, LocalOptimum)]
+            return optima + solve_from(starts[len(optima) :])
+
+        every = chain(narrow, beside, starts)
+        return self.best_of(scaled, solve_others, every, apart=len(narrow) + len(beside))
 
 
 def _solved_near(
@@ -134,15 +146,36 @@ class Passing(Scaled):
     Args:
         problem: its position and jerk limits are ignored.
         passing: further limits at the waypoints, as `Scaled` has them; only velocities count.
+
+    Attributes:
+        latest: longest times of the segments, infinite where there are none, `(segments,)`.
     """
 
     def __init__(self, problem: Problem, passing: Array | None = None) -> None:
         super().__init__(problem, jerk=False, passing=passing)
+        self.latest = np.full_like(self.stop, np.inf)
 
     @property
     def has_demands(self) -> bool:
         """Return whether the route asks for more than exact waypoints and rest at its ends."""
-        return bool(self.closed or self.least.any() or self.tolerance.any())
+        limited = self.least.any() or np.isfinite(self.latest).any()
+        return bool(self.closed or limited or self.tolerance.any())
+
+    @property
+    def allowed(self) -> Passing:
+        """Return the problem with the limits that the judge allows.
+
+        Between given velocities they are wider by rounding. A motion that is possible at a single
+        instant cannot be dilated to meet its limits.
+        """
+        return self if self.problem.route.dilatable else self.widened(_KEPT_SHARE * KEPT_RTOL)
+
+    def widened(self, share: float) -> Passing:
+        """Return the problem with the limits that suffice for dilations by up to this share."""
+        k = 1 + share
+        own = copy(self)
+        own.v, own.a, own.waypoint_v = k * self.v, k**2 * self.a, k * self.waypoint_v
+        return own
 
     def trajectory(self, times: Array, states: Any) -> Trajectory:
         """Return the motion of least acceleration of each joint in each segment."""
@@ -153,19 +186,20 @@ class Passing(Scaled):
         ends = with_outer(states, self.end_v, self.closed)
         starts = self.problem.waypoints[:-1]
         walls = self.problem.limits.position.T
+        allowed = self.allowed
         task = SegmentTask(
             times[:, None],
             self.h,
             ends[:-1],
             ends[1:],
-            self.v,
-            self.a,
+            allowed.v,
+            allowed.a,
             starts / q_unit,
             walls / q_unit,
         )
-        most = MOST if self.problem.route.dilatable else MOST_IN_MOTION
+        dilatable = self.problem.route.dilatable
         with np.errstate(all="ignore"):
-            constant = pieces(task, BRIEF_PIECE_S / self.unit, most)
+            constant = pieces(task, BRIEF_PIECE_S / self.unit, dilatable=dilatable)
         return self.motion(constant, task.u)
 
     def within(self, velocities: Array) -> Array:
@@ -185,11 +219,37 @@ def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
     if len(scaled.h) > 1 or scaled.has_demands:
         return None
     none = np.zeros((0, scaled.h.shape[1]))
-    for time in gaps.borders(scaled):
-        found = _reached(scaled, np.array([time]), none, "Converged", MAX_BORDER_DILATION)
-        if found is not None:
-            return found
+    times = gaps.borders(scaled)
+    for time in times:
+        if _reached(scaled, np.array([time]), none, "Converged", MAX_BORDER_DILATION) is None:
+            continue
+        # one of its roundings may need less of the limits
+        same = [np.array([own]) for own in times if 1 <= own / time <= MAX_BORDER_DILATION]
+        best = min(same, key=lambda own: instants.excess(scaled, own, none))
+        return _reached(scaled, best, none, "Converged", MAX_BORDER_DILATION)
     return None
+
+
+def _before_gaps(scaled: Passing) -> list[LocalOptimum]:
+    """Return the optima of the narrow intervals of time before gaps.
+
+    An interval of a single time has no interior. So the limits are a little wider at first.
+    """
+    if scaled.tolerance.any():
+        return []
+    wider = scaled.widened(_WIDER)
+    together: dict[bytes, list[gaps.Start]] = {}
+    for start in gaps.narrow(wider):
+        together.setdefault(start.latest.tobytes(), []).append(start)
+    found = []
+    for starts in together.values():
+        own = wider.widened(0.0)
+        own.latest = starts[0].latest
+        for near in _minimised(own, [start[:2] for start in starts]):
+            if np.isfinite(near.duration):
+                sharp = instants.sharpened(scaled, near.times, near.states)
+                found.append(_reached(scaled, *sharp, "Converged", MAX_BORDER_DILATION))
+    return [optimum for optimum in found if optimum is not None]
 
 
 def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> bool:
@@ -331,7 +391,7 @@ def _reached(
     scaled: Passing, times: Array, velocities: Array, status: str, largest_dilation: float
 ) -> LocalOptimum | None:
     """Return the optimum of times and waypoint velocities, dilated until it is reachable."""
-    k = repair(times, velocities, scaled, largest_dilation)
+    k = repair(times, velocities, scaled.allowed, largest_dilation)
     if np.isinf(k):
         return None
     return LocalOptimum(k * float(times.sum()), k * times, velocities / k, status)

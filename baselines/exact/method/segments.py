@@ -12,12 +12,13 @@ from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.judging.verification import KEPT_RTOL
 
 MOST = 1 + 3e-10  # largest share of a limit that a motion may use
-# The same between given velocities. The judge allows a motion that cannot be dilated twice this.
-MOST_IN_MOTION = 1 + KEPT_RTOL / 2
 _FEASIBILITY_TOL = 1e-10  # of the linear program, relative to the limits; the least of HiGHS
 # Residuals at a segment's end, relative to its largest velocity or to the way at that velocity:
 _ROUNDING_RTOL = 4e-15  # a smaller one is rounding, and is not corrected
 _MISSED_RTOL = 1e-12  # a larger one means that the motion does not meet its end
+# Between given velocities the judge dilates nothing: largest share of a limit, and residual.
+_MOST_UNDILATED = 1 + KEPT_RTOL / 10
+_MISSED_UNDILATED_RTOL = 1e-14
 
 
 class Segments(NamedTuple):
@@ -29,6 +30,7 @@ class Segments(NamedTuple):
         h: displacements, likewise.
         limits: of velocity, acceleration and jerk, `(2, segments, joints)` each, low first.
         most: largest share of a limit that a motion may use.
+        missed: largest residual at the end, relative, of a motion that meets it.
     """
 
     u: Array
@@ -36,6 +38,7 @@ class Segments(NamedTuple):
     h: Array
     limits: tuple[Array, Array, Array]
     most: float = MOST
+    missed: float = _MISSED_RTOL
 
     @classmethod
     def under(cls, u: Array, w: Array, h: Array, *limits: Array) -> Self:
@@ -52,7 +55,12 @@ class Segments(NamedTuple):
         """Return some of the segments."""
         limits = (sides[:, some] for sides in self.limits)
         own = self.under(self.u[some], self.w[some], self.h[some], *limits)
-        return own._replace(most=self.most)
+        return own._replace(most=self.most, missed=self.missed)
+
+    @property
+    def undilated(self) -> Self:
+        """Return the segments of a motion that cannot be dilated: it has to be accurate."""
+        return self._replace(most=_MOST_UNDILATED, missed=_MISSED_UNDILATED_RTOL)
 
     def missing(self, lengths: Array, passed: tuple[Array, Array], rtol: float) -> Array:
         """Return the residuals of velocity and displacement at the end, `(2, segments, joints)`.
@@ -121,7 +129,7 @@ class Segments(NamedTuple):
         lost = quotient(first**2, 2 * jerk, is_inside)
         velocities = np.concatenate([speeds, speeds - lost])
         shares = _shares(own, velocities, self.limits)
-        misses = self.missing(own.lengths, passed, _MISSED_RTOL).any(axis=0)
+        misses = self.missing(own.lengths, passed, self.missed).any(axis=0)
         return np.where(misses, np.inf, shares.max(axis=0))
 
     def kept(self, pieces: Pieces, some: Bools) -> tuple[Pieces, Bools]:

@@ -84,6 +84,19 @@ def parts_take_as_long(problem, motion, cut):
         # the motion needs a limit whole: without its briefest piece it used 5e-11 too much
         (1286, 5, 1),
         (2008, 3, 1.1535015850647599),
+        # one joint brakes and another one speeds up throughout the first segment, or the last one
+        (1612, 5, 1),
+        (2041, 4, 1.2015616640065578),
+        # two such segments follow each other
+        (2019, 6, 0.7201920019346588),
+        # the gap after the only time is so narrow that a descent crosses it
+        (2026, 5, 2.7622158182705934),
+        # no segment has an interval without a gap after it
+        (2094, 5, 2),
+        # one segment so brief that the rounding of its waypoints uses 8e-13 of a limit
+        (2033, 4, 1.6733827372107732),
+        # one segment of one piece, whose break of 2e-14 s cannot be removed
+        (2091, 6, 1.5827023439737382),
     ],
 )
 def test_a_cut_motion_that_is_possible_at_single_instants(seed, waypoints, cut):

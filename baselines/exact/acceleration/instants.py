@@ -1,0 +1,160 @@
+"""Times and velocities where a motion between given states is possible at single instants.
+
+Where a gap in time begins at the earliest time of another joint, one single time of that segment is
+possible, and the inequalities have no interior. An interior-point method then solves the problem
+with limits that are a little wider. From its answer this module goes to the limits themselves, by
+linear programs: each has the inequalities' first derivatives and looks for the shortest duration.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baselines.exact.acceleration.profiles import extremes
+from baselines.exact.method.chain import with_outer
+from baselines.exact.method.scaled import Scaled
+from trajopt.core.arrays import Array, Indices
+
+Point = tuple[Array, Array]  # segment times, inner velocities
+
+STEPS = 12
+SLOW = 0.1  # share of the excess that is left after a step towards a simple zero, at most
+ROUNDING = 2e-16  # a smaller excess over the limits, relative
+_WIDER = 1e-6  # share by which limits are wider, for the derivatives by them
+_LEAST_UNIT = 1e-12  # of a row, relative to the largest
+# Weights, beside the duration: of the largest excess over a limit, and of each change.
+_EXCESS_WEIGHT = 1e7
+_CHANGE_WEIGHT = 1e-4
+# Largest change, in units of the largest excess so far.
+_FARTHEST = 1e5
+# Inequalities with more room than this do not count, in units of the largest excess.
+_NEAR = 1e6
+_TOL = 1e-10  # of the linear program, the least of HiGHS
+
+
+class _Rows(NamedTuple):
+    """Inequalities `values ≥ 0` with their derivatives, `(rows,)` each.
+
+    Attributes:
+        values: a negative one is the least dilation, less 1, with which the inequality holds.
+        segment: index of the row's segment.
+        joint: index of its joint.
+        by_log: derivatives by the logarithm of the segment's time.
+        by_u, by_w: by the velocities at the segment's start and end.
+    """
+
+    values: Array
+    segment: Indices
+    joint: Indices
+    by_log: Array
+    by_u: Array
+    by_w: Array
+
+    @property
+    def excess(self) -> float:
+        """Return the largest excess over a limit, at least that of rounding."""
+        return max(-float(self.values.min()), ROUNDING)
+
+
+def sharpened(scaled: Scaled, times: Array, velocities: Array) -> Point:
+    """Return segment times and inner velocities with as little excess over the limits as possible.
+
+    Args:
+        scaled: the problem, its waypoints exact.
+        times: of a motion that nearly keeps the limits, `(segments,)`.
+        velocities: at the inner waypoints, `(segments - 1, joints)`.
+    """
+    limits = scaled.waypoint_v
+    best = times, np.clip(velocities, *limits)
+    rows = _rows(scaled, *best)
+    for _ in range(STEPS):
+        if rows.excess <= ROUNDING:
+            break
+        step = _step(scaled, *best, rows)
+        if step is None:
+            break
+        before = rows.excess
+        # where a row's zero is a double one, a step goes half the way
+        for factor in (1, 2):
+            own = _moved(best, step, factor, limits)
+            after = _rows(scaled, *own)
+            if after.excess <= SLOW * before:
+                break
+        if after.excess >= before:
+            break
+        best, rows = own, after
+    return best
+
+
+def excess(scaled: Scaled, times: Array, velocities: Array) -> float:
+    """Return the share by which limits have to be wider for these times and inner velocities."""
+    return _rows(scaled, times, velocities).excess
+
+
+def _moved(point: Point, step: Point, factor: float, limits: Array) -> Point:
+    times, velocities = point
+    log, change = step
+    return times * np.exp(factor * log), np.clip(velocities + factor * change, *limits)
+
+
+def _rows(scaled: Scaled, times: Array, velocities: Array) -> _Rows:
+    """Return the inequalities of section 3 in every cell."""
+    ends = with_outer(velocities, scaled.end_v, scaled.closed)
+    u, w, t, h = ends[:-1], ends[1:], times[:, None], scaled.h
+    v, a = (np.broadcast_to(own, (2, *h.shape)) for own in (scaled.v, scaled.a))
+    reach = extremes(u, w, t, v, a)
+    wider = extremes(u, w, t, v * (1 + _WIDER), a * (1 + _WIDER) ** 2)
+    up, lo = reach.p_up, reach.p_lo
+    # value, then derivatives by the logarithm of the time, by u, by w, and by the dilation
+    one = np.ones_like(h)
+    gained = (wider.d_up - reach.d_up) / _WIDER, (reach.d_lo - wider.d_lo) / _WIDER
+    tables = [
+        (reach.d_up - h, up * t, (up - u) / a[1], (w - up) / a[0], gained[0]),
+        (h - reach.d_lo, -lo * t, (u - lo) / a[0], (lo - w) / a[1], gained[1]),
+        (a[1] * t - (w - u), a[1] * t, one, -one, 2 * a[1] * t),
+        ((w - u) - a[0] * t, -a[0] * t, -one, one, -2 * a[0] * t),
+    ]
+    columns = [np.concatenate([table[i].ravel() for table in tables]) for i in range(5)]
+    segment, joint = (np.tile(own.ravel(), len(tables)) for own in np.indices(h.shape))
+    *counted, unit = columns
+    values, by_log, by_u, by_w = counted / np.maximum(unit, _LEAST_UNIT * unit.max())
+    return _Rows(values, segment, joint, by_log, by_u, by_w)
+
+
+def _step(scaled: Scaled, times: Array, velocities: Array, rows: _Rows) -> Point | None:
+    """Return the change of the times' logarithms and of the velocities; None if there is none."""
+    from scipy.optimize import linprog  # late: few motions need it
+    from scipy.sparse import coo_array, hstack
+
+    segments, joints = scaled.h.shape
+    count = segments + velocities.size  # changes of times and velocities
+    unit = rows.excess
+    rows = _Rows(*(own[rows.values < _NEAR * unit] for own in rows))
+    numbers = np.arange(len(rows.values))
+    velocity = segments + rows.segment * joints + rows.joint
+    is_inner = rows.segment < segments - 1, rows.segment > 0
+    row = np.concatenate([numbers, numbers[is_inner[0]], numbers[is_inner[1]]])
+    column = np.concatenate([rows.segment, velocity[is_inner[0]], velocity[is_inner[1]] - joints])
+    entry = np.concatenate([rows.by_log, rows.by_w[is_inner[0]], rows.by_u[is_inner[1]]])
+    matrix = coo_array((entry, (row, column)), shape=(len(numbers), count)).tocsr()
+    slowest, fastest = np.broadcast_to(scaled.waypoint_v, (2, *velocities.shape))
+    room = np.concatenate([np.full(segments, np.inf), (fastest - velocities).ravel()])
+    back = np.concatenate([np.full(segments, np.inf), (velocities - slowest).ravel()])
+    with np.errstate(divide="ignore"):
+        back[:segments] = np.log(times / scaled.least)
+    cost = np.concatenate([times, np.zeros(velocities.size)])
+    # changes upwards, changes downwards, the largest excess
+    found = linprog(
+        np.concatenate([_CHANGE_WEIGHT + cost, _CHANGE_WEIGHT - cost, [_EXCESS_WEIGHT]]),
+        A_ub=hstack([-matrix, matrix, coo_array(-np.ones((len(numbers), 1)))]),
+        b_ub=rows.values / unit,
+        bounds=[(0, own) for own in np.clip(np.append(room, back) / unit, 0, _FARTHEST)]
+        + [(0, None)],
+        options={"primal_feasibility_tolerance": _TOL, "dual_feasibility_tolerance": _TOL},
+    )
+    if found.x is None:
+        return None
+    change = unit * (found.x[:count] - found.x[count:-1])
+    return change[:segments], change[segments:].reshape(velocities.shape)
