@@ -68,7 +68,9 @@ class DemandTables(AccelerationTables):
     def __init__(self, scaled: Any, starts: int) -> None:
         super().__init__(scaled, starts)
         self.tolerant = bool(scaled.tolerance.any())
-        self.bounded = np.array([scaled.least > 0, np.isfinite(scaled.latest)])
+        self.least: Array = scaled.least
+        self.latest: Array = scaled.latest
+        self.bounded = np.array([self.least > 0, np.isfinite(self.latest)])
         # half width of the box around the waypoint at each cell's end; 1 for an exact waypoint
         box = np.zeros(self.every)
         box[:, : len(scaled.tolerance)] = scaled.tolerance
@@ -129,7 +131,7 @@ class DemandInequalities(AccelerationInequalities):
             # (r − p) / r and (r + p) / r
             added.append(np.where(cells.free, 1 - offset[1] / cells.box, 1.0))
         if cells.bounded.any():
-            least, latest = cells.scaled.least, cells.scaled.latest
+            least, latest = cells.least, cells.latest
             is_least, is_latest = cells.bounded
             longer = np.log(self.times / np.where(is_least, least, 1.0))
             earlier = np.log(np.where(is_latest, latest, 1.0) / self.times)

@@ -15,7 +15,7 @@ import numpy as np
 from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method.chain import with_outer
 from baselines.exact.method.scaled import Scaled
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array, Bools, Indices
 
 Point = tuple[Array, Array]  # segment times, inner velocities
 
@@ -51,6 +51,13 @@ class _Rows(NamedTuple):
     by_log: Array
     by_u: Array
     by_w: Array
+
+    def of(self, some: Bools) -> _Rows:
+        """Return some of the rows."""
+        numbers = self.segment[some], self.joint[some]
+        return _Rows(
+            self.values[some], *numbers, self.by_log[some], self.by_u[some], self.by_w[some]
+        )
 
     @property
     def excess(self) -> float:
@@ -131,7 +138,7 @@ def _step(scaled: Scaled, times: Array, velocities: Array, rows: _Rows) -> Point
     segments, joints = scaled.h.shape
     count = segments + velocities.size  # changes of times and velocities
     unit = rows.excess
-    rows = _Rows(*(own[rows.values < _NEAR * unit] for own in rows))
+    rows = rows.of(rows.values < _NEAR * unit)
     numbers = np.arange(len(rows.values))
     velocity = segments + rows.segment * joints + rows.joint
     is_inner = rows.segment < segments - 1, rows.segment > 0

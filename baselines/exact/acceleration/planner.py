@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, Literal
 
 import numpy as np
@@ -53,7 +53,7 @@ Start = tuple[Array, Array]  # segment times, waypoint velocities
 MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
-_KEPT_SHARE = 0.5  # of the dilation that the judge takes for rounding
+_KEPT_SHARE = 0.45  # of the dilation that the judge takes for rounding
 _WIDER = 1e-9  # share by which limits are wider at first, for an interval of a single time
 MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
 DILATION_TOL = 1e-15
@@ -126,11 +126,14 @@ class Exact(SeveralStarts):
             return self.best_of(scaled, lambda _: [known], iter([(known.times, known.states)]))
         narrow = _before_gaps(scaled)
 
-        def solve_others(starts: Sequence[Start | LocalOptimum]) -> list[LocalOptimum]:
-            optima = [own for own in starts if isinstance(own, LocalOptimum)]
-            return optima + solve_from(starts[len(optima) :])
+        solved = iter(narrow)
 
-        every = chain(narrow, beside, starts)
+        def solve_others(starts: Sequence[Start | None]) -> list[LocalOptimum]:
+            others = [start for start in starts if start is not None]
+            before = list(islice(solved, len(starts) - len(others)))
+            return before + (solve_from(others) if others else [])
+
+        every: Iterator[Start | None] = chain([None] * len(narrow), beside, starts)
         return self.best_of(scaled, solve_others, every, apart=len(narrow) + len(beside))
 
 

@@ -16,9 +16,9 @@ _FEASIBILITY_TOL = 1e-10  # of the linear program, relative to the limits; the l
 # Residuals at a segment's end, relative to its largest velocity or to the way at that velocity:
 _ROUNDING_RTOL = 4e-15  # a smaller one is rounding, and is not corrected
 _MISSED_RTOL = 1e-12  # a larger one means that the motion does not meet its end
-# Between given velocities the judge dilates nothing: largest share of a limit, and residual.
-_MOST_UNDILATED = 1 + KEPT_RTOL / 10
-_MISSED_UNDILATED_RTOL = 1e-14
+# The same two between given velocities, where the judge dilates nothing.
+MOST_IN_MOTION = 1 + KEPT_RTOL / 2
+_MISSED_IN_MOTION_RTOL = 1e-14
 
 
 class Segments(NamedTuple):
@@ -60,7 +60,7 @@ class Segments(NamedTuple):
     @property
     def undilated(self) -> Self:
         """Return the segments of a motion that cannot be dilated: it has to be accurate."""
-        return self._replace(most=_MOST_UNDILATED, missed=_MISSED_UNDILATED_RTOL)
+        return self._replace(most=MOST_IN_MOTION, missed=_MISSED_IN_MOTION_RTOL)
 
     def missing(self, lengths: Array, passed: tuple[Array, Array], rtol: float) -> Array:
         """Return the residuals of velocity and displacement at the end, `(2, segments, joints)`.
