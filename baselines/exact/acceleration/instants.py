@@ -34,7 +34,7 @@ _NEAR = 1e6
 _TOL = 1e-10  # of the linear program, the least of HiGHS
 
 
-class _Rows(NamedTuple):
+class _CellRows(NamedTuple):
     """Inequalities `values ≥ 0` with their derivatives, `(rows,)` each.
 
     Attributes:
@@ -52,10 +52,10 @@ class _Rows(NamedTuple):
     by_u: Array
     by_w: Array
 
-    def of(self, some: Bools) -> _Rows:
+    def of(self, some: Bools) -> _CellRows:
         """Return some of the rows."""
         numbers = self.segment[some], self.joint[some]
-        return _Rows(
+        return _CellRows(
             self.values[some], *numbers, self.by_log[some], self.by_u[some], self.by_w[some]
         )
 
@@ -106,7 +106,7 @@ def _moved(point: Point, step: Point, factor: float, limits: Array) -> Point:
     return times * np.exp(factor * log), np.clip(velocities + factor * change, *limits)
 
 
-def _rows(scaled: Scaled, times: Array, velocities: Array) -> _Rows:
+def _rows(scaled: Scaled, times: Array, velocities: Array) -> _CellRows:
     """Return the inequalities of section 3 in every cell."""
     ends = with_outer(velocities, scaled.end_v, scaled.closed)
     u, w, t, h = ends[:-1], ends[1:], times[:, None], scaled.h
@@ -127,10 +127,10 @@ def _rows(scaled: Scaled, times: Array, velocities: Array) -> _Rows:
     segment, joint = (np.tile(own.ravel(), len(tables)) for own in np.indices(h.shape))
     *counted, unit = columns
     values, by_log, by_u, by_w = counted / np.maximum(unit, _LEAST_UNIT * unit.max())
-    return _Rows(values, segment, joint, by_log, by_u, by_w)
+    return _CellRows(values, segment, joint, by_log, by_u, by_w)
 
 
-def _step(scaled: Scaled, times: Array, velocities: Array, rows: _Rows) -> Point | None:
+def _step(scaled: Scaled, times: Array, velocities: Array, rows: _CellRows) -> Point | None:
     """Return the change of the times' logarithms and of the velocities; None if there is none."""
     from scipy.optimize import linprog  # late: few motions need it
     from scipy.sparse import coo_array, hstack
