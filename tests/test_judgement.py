@@ -18,8 +18,10 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.formats.motion import motion
 from trajopt.formats.samples import Samples
 from trajopt.judgement import GivenMotion, as_executed, motion_of
+from trajopt.judging import slower
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.verification import verify
+from trajopt.planners.registry import load
 
 FREE = Limits([10.0, 10.0], [10.0, 10.0])
 
@@ -222,6 +224,23 @@ def test_a_motion_of_another_robot_is_unsupported():
     assert entry.solve(TWO_JOINTS).status is Status.UNSUPPORTED
     renamed = Problem(UNIT.waypoints, UNIT.limits, joint_names=("elbow",))
     assert "expected the joints elbow" in entry.solve(renamed).message
+
+
+def test_a_motion_in_motion_that_breaks_a_limit_has_all_numbers_from_one_search(monkeypatch):
+    """It was planned with 2 % more acceleration. Its file says no waypoint times."""
+    asked = {"start_velocity": [0.5]}
+    problem = Problem([[0.0], [0.7], [1.0]], Limits([5.0], [1.0]), demands=asked)
+    fast = load("exact").solve(replace(problem, limits=Limits([5.0], [1.02]))).trajectory
+    ran = []
+    search = slower.slower
+    monkeypatch.setattr(slower, "slower", lambda *given: ran.append(1) or search(*given))
+    judged = trajopt.judge(problem, PPoly(fast.coefficients, fast.breaks))
+    assert judged.certified_duration > load("exact").solve(problem).trajectory.duration
+    assert judged.explanation.certified_duration == pytest.approx(judged.certified_duration)
+    # at its limit all the time but for a thousandth
+    energy = judged.smoothness.acceleration_integral
+    assert energy == pytest.approx(judged.certified_duration, rel=1e-2)
+    assert len(ran) == 1
 
 
 def test_a_motion_was_not_planned_with_the_limits_of_other_segments():

@@ -135,6 +135,10 @@ class Judgement(Execution):
         return f"Judgement({self.motion.name} on {self.problem.name}, {self.certificate})"
 
     @property
+    def executed(self) -> Trajectory:
+        return self.trajectory
+
+    @property
     def status(self) -> Status:
         return Status.SOLVED if self.certificate.valid else Status.INVALID
 
@@ -154,7 +158,8 @@ class Judgement(Execution):
         if not self.certificate.valid:
             return None
         known = records.answer(self.problem)
-        return decomposition.explain(self.problem, None, self.trajectory, known)
+        slower = self.certificate.motion
+        return decomposition.explain(self.problem, None, slower or self.trajectory, known)
 
     @cached_property
     def optimum_within(self) -> float | None:

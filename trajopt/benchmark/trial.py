@@ -168,7 +168,7 @@ class Trial:
         trajectory = self.solution.trajectory
         if trajectory is None or self.certificate is None or not self.certificate.valid:
             return None
-        return certified(self.problem, trajectory)
+        return self.certificate.motion or certified(self.problem, trajectory)
 
     @property
     def certified_history(self) -> Array:

@@ -197,6 +197,9 @@ def _verdict(found: Judgement) -> Iterator[str]:
 def slower(certificate: Certificate) -> str:
     """Say how much slower the motion keeps every limit, also as a planner's scaling factors."""
     duration = certificate.dilation * certificate.duration
+    if certificate.motion is not None:
+        longer = f"{certificate.dilation:.6f} times as long, {duration:.6f} s"
+        return f"A motion {longer}, keeps every limit and the states at the ends."
     factors = {
         kind: floor(1e4 / certificate.dilation**order + 1e-5) / 1e4  # rounded down
         for order, kind in enumerate(("velocity", "acceleration", "jerk"), start=1)

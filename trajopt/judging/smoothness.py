@@ -161,7 +161,7 @@ def of_certified(
     if not certificate.valid:
         return None
     if certificate.dilation > 1 and not problem.route.dilatable:
-        slower = certified(problem, trajectory)
+        slower = certificate.motion or certified(problem, trajectory)
         return None if slower is None else smoothness(problem, slower)
     return smoothness(problem, trajectory).dilated(max(1.0, certificate.dilation))
 

@@ -8,7 +8,7 @@ computes its own worst use (`trajopt.core.limits`); this module names no kind of
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,8 @@ class Certificate:
         tolerance: the tolerance used.
         least_times: least time over time taken, for the segment where this is largest, and when
             that segment begins; None where the problem has no least times.
+        motion: the longer motion that has the certified duration, where a dilation would change
+            the states at the ends; None elsewhere, and in a stored certificate.
     """
 
     duration: float
@@ -102,6 +104,7 @@ class Certificate:
     flaws: tuple[str, ...]
     tolerance: Tolerance
     least_times: Use | None = None
+    motion: Trajectory | None = field(default=None, compare=False)
 
     @property
     def velocity(self) -> Use:
@@ -210,8 +213,13 @@ def verify(
     _check_sizes(problem, trajectory)
     own = _counted(problem)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        found = _judged(own, trajectory, tolerance or Tolerance(), unjudged, at_rest=at_rest)
-        return found[0]
+        certificate, judged = _judged(
+            own, trajectory, tolerance or Tolerance(), unjudged, at_rest=at_rest
+        )
+    slower = at_rest and certificate.valid and certificate.dilation > 1
+    if slower and not problem.route.dilatable:
+        return replace(certificate, motion=judged)
+    return certificate
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:

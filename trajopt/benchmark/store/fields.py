@@ -97,7 +97,12 @@ FIELDS = (
     Field("claimed_duration", "number", "s", "duration of the trajectory as returned"),
     Field("certified_duration", "number", "s", "max(1, dilation) x claimed; NaN: beyond mending"),
     Field("lower_bound", "number", "s", "no trajectory is faster, as the planner proved"),
-    Field("dilation", "number", "1", "exact cheapest time dilation that meets the limits"),
+    Field(
+        "dilation",
+        "number",
+        "1",
+        "exact cheapest dilation that meets the limits; between moving ends certified / claimed",
+    ),
     Field("position_excess", "number", "rad or m", "largest distance beyond a position limit"),
     Field("feasible", "number", "1", "1 if every limit is kept as claimed; NaN: no trajectory"),
     Field("jerk_integral", "number", "rad^2/s^5", "integral of squared jerk; inf: a jump"),

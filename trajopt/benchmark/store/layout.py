@@ -52,7 +52,8 @@ PROBLEM_NAMES = {
 }
 RUN_NAMES = {
     "trajectory": "motion as claimed; the certified one is this one, repaired where it missed "
-    "within tolerance, and max(1, dilation) times slower",
+    "within tolerance, and max(1, dilation) times slower; between moving ends a slower motion that "
+    "the judge finds",
     "trajectory/breaks": "times at which the pieces begin and end, (pieces + 1,)",
     "trajectory/coefficients": "as scipy.interpolate.PPoly has them, (order, pieces, joints): "
     "highest power first, in the time since the start of the piece",

@@ -249,7 +249,8 @@ def certificate_of(table: Any, problem: Problem) -> Certificate | None:
         flaws=tuple(flaws),
         tolerance=Tolerance(**stated["tolerance"]),
         least_times=_use(_LEAST, stated[_LEAST], problem) if stated.get(_LEAST) else None,
-        **errors,
+        waypoint=errors["waypoint"],
+        continuity=errors["continuity"],
     )
     numbers = (certificate.duration, certificate.dilation)
     _check_numbers("certificate", (*numbers, *vars(certificate.tolerance).values()))
