@@ -112,11 +112,19 @@ def first_time(scaled: Scaled) -> list[JerkStart]:
     given = np.array([*zip(scaled.end_v, scaled.end_a, strict=True)])
     speed = np.abs(given[:, 0]).sum(axis=0)
 
-    def slack(times: Array) -> Array:
-        states = np.repeat(given[:, :, None], len(times), axis=2)
+    def rows(times: Array) -> JerkInequalities:
+        return _inequalities(scaled, 0, times, np.repeat(given[:, :, None], len(times), axis=2))
+
+    def in_reach(times: Array) -> Bools:
+        """Return where the phases of each end take time, `(2 ends × 2 sides, times, joints)`."""
+        reached = rows(times).profiles.ends_reachable
+        return reached.reshape(4, len(times), -1)
+
+    def possible(times: Array) -> Bools:
+        """Return where both extreme displacements allow the joint's, `(2 sides, times, joints)`."""
         t = times[:, None]
         rounding = _ROUNDING_RTOL * (np.abs(scaled.h[0]) / t + speed) / t
-        return _slack(scaled, 0, times, states) + rounding
+        return _slack(rows(times)) >= -rounding
 
     def edges(times: Array, inside: Callable[[Array], Bools]) -> Array:
         """Return the two times next to each edge between which `inside` changes."""
@@ -135,13 +143,13 @@ def first_time(scaled: Scaled) -> list[JerkStart]:
     low = max(float(scaled.shortest[0]), float(scaled.least[0]), _TINIEST)
     times = np.geomspace(low, _LONGEST * max(float(scaled.stop[0]), low), _ALONE_TIMES)
     with np.errstate(all="ignore"):
-        times = np.union1d(times, edges(times, lambda own: np.isfinite(slack(own))))
-        tried = np.union1d(times[:1], edges(times, lambda own: slack(own) >= 0))
-        possible = np.all(slack(tried) >= 0, axis=(0, 2))
-    if not possible.any():
+        times = np.union1d(times, edges(times, in_reach))
+        tried = np.union1d(times[:1], edges(times, possible))
+        found = np.append(possible(tried).all(axis=(0, 2)), False)
+    if not found.any():
         return []
-    first = int(possible.argmax())
-    last = first + int(np.append(possible[first:], False).argmin()) - 1
+    first = int(found.argmax())
+    last = first + int(found[first:].argmin()) - 1
     time = tried[first] + min((tried[last] - tried[first]) / 2, SPARES[0] * tried[first])
     none = np.zeros((0, scaled.h.shape[1]))
     return [JerkStart(time[None], none, none)]
@@ -201,7 +209,7 @@ def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array)
     """Return a time in every interval in which a segment leads from one state to another."""
     times = _grid(scaled, segment, (start[0] + end[0]) / 2)
     states = np.repeat(np.stack([start, end])[:, :, None], len(times), axis=2)
-    slack = _slack(scaled, segment, times, states).min(axis=(0, 2))
+    slack = _slack(_inequalities(scaled, segment, times, states)).min(axis=(0, 2))
     return [float(times[place]) for place in _places(slack > _SLACK, depth)]
 
 
@@ -238,7 +246,7 @@ def _beside(
     held = np.repeat(given[:, None], len(times), axis=1)
     for state in tried:
         ends = np.stack([held, state] if first else [state, held])
-        slack = _slack(scaled, segment, times, ends).min(axis=0)
+        slack = _slack(_inequalities(scaled, segment, times, ends)).min(axis=0)
         better = slack > best
         best = np.where(better, slack, best)
         chosen = np.where(better[:, None], state.swapaxes(0, 1), chosen)
@@ -261,10 +269,16 @@ def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterat
         yield np.stack([velocity, acceleration])
 
 
-def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
+def _slack(rows: JerkInequalities) -> Array:
     """Return the slack of both extreme displacements, over T², `(2 sides, times, joints)`.
 
     It is minus infinity where the states are not reachable from each other in the time.
+    """
+    return np.where(rows.profiles.reachable, rows.reach, -np.inf)[:, :, 0]
+
+
+def _inequalities(scaled: Scaled, segment: int, times: Array, states: Array) -> JerkInequalities:
+    """Return the inequalities of one segment between given states, for many times.
 
     Args:
         scaled: The problem.
@@ -281,8 +295,7 @@ def _slack(scaled: Scaled, segment: int, times: Array, states: Array) -> Array:
     own.passing = None
     none = np.zeros((len(times), 0, scaled.h.shape[1]))
     tables = JerkTables(own)
-    rows = JerkInequalities(tables, tables.linked(times[:, None], none, none))
-    return np.where(rows.profiles.reachable, rows.reach, -np.inf)[:, :, 0]
+    return JerkInequalities(tables, tables.linked(times[:, None], none, none))
 
 
 def _of(limits: Array, segment: int) -> Array:

@@ -31,21 +31,14 @@ from baselines.exact.method.segments import MOST, MOST_IN_MOTION, Segments
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
 
-# Where the extreme displacements are closer than this, relative to what the limits allow, one of
-# the profiles is taken alone.
-TIGHT_RTOL = 1e-11
-# Phases that are removed from states, relative to the longest ramp; and the slack this may cost.
+# Phases that are removed from states, relative to the longest ramp.
 BRIEF_RTOL = 1e-2
-SETTLED_RTOL = 1e-11
 # Rounding of a phase, as a share of its segment's time.
 ROUNDING = 4e-15
 # A state closer to its limit than this, relative, becomes the limit.
 NEAR_RTOL = 1e-4
 NEWTON_STEPS = 2
 EVEN = 2  # number of evenly spaced inner breaks of a segment
-# A break is removed if that costs less velocity than jerk gains in this share of a ramp; the second
-# value is that of a motion that cannot be dilated.
-LEAST_RTOL = 7e-6, 3e-7
 # Breaks closer than this to another one, relative to the segment's shortest full ramp, are tried.
 CLOSE_RTOL = 1e-2
 # Share of a jerk limit that the last place of a velocity may cost in a segment.
@@ -62,6 +55,27 @@ SLOWER = 3e-7
 TIMES = (1 / 64, 64.0)  # least and largest square of a factor of a brief segment's time
 HALVES = np.array([[-0.5], [0.5]])
 TINY = 1e-300  # instead of dividing by 0
+
+
+class _Simpler(NamedTuple):
+    """What a motion with fewer and longer phases may cost.
+
+    Attributes:
+        most: largest share of a limit that the motion may use.
+        slack: of a displacement, relative to what the limits allow. Where an extreme displacement
+            is closer than this, its profile is taken alone.
+        brief: a break is removed if that costs less velocity than jerk gains in this share of a
+            ramp.
+    """
+
+    most: float
+    slack: float
+    brief: float
+
+
+AT_REST = _Simpler(MOST, 1e-11, 7e-6)
+# The judge cannot dilate a motion between given velocities.
+IN_MOTION = _Simpler(MOST_IN_MOTION, 1e-13, 3e-7)
 
 
 class Reachable(Scaled):
@@ -106,16 +120,14 @@ def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Piec
     starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
     signs = np.array([[[-1.0]], [[1.0]]])
     limited = scaled.v, scaled.a, signs / scaled.r
-    at_rest = scaled.problem.route.at_rest
-    most = MOST if at_rest else MOST_IN_MOTION
+    most = limits.simpler.most
     segments = Segments.under(starts, stops, scaled.h, *limited)._replace(most=most)
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = segments.mended(profiles.pieces(even, limits))
     suffices = segments.use(gentle) <= most
     needs_own = ~(suffices & limits.jerky)
-    briefs = LEAST_RTOL[not at_rest] * limits.ramp
-    breaks = _breaks(profiles, briefs, even, needs_own)
+    breaks = _breaks(profiles, limits, even, needs_own)
     own = profiles.pieces(breaks, limits)
     others = _cut(gentle, breaks, limits)
     start = np.where(needs_own, own.start, others.start)
@@ -172,6 +184,8 @@ class _AllowedMotion(NamedTuple):
             `(segments, joints)`.
         ramp: the longest time with the same jerk, as a share of the segment's, likewise.
         vanished: a phase of a smaller share is rounding, likewise.
+        slack: what a simpler motion may cost of a displacement, likewise.
+        simpler: what else it may cost.
     """
 
     times: Array
@@ -179,6 +193,8 @@ class _AllowedMotion(NamedTuple):
     gained: Array
     ramp: Array
     vanished: Array
+    slack: Array
+    simpler: _Simpler
 
     @classmethod
     def of(cls, scaled: Scaled, segment_times: Array) -> Self:
@@ -191,9 +207,10 @@ class _AllowedMotion(NamedTuple):
         faster = np.minimum(slowest, steepest * times)
         ramp = np.sqrt(faster * slow) / times
         ramp = np.minimum(ramp, 1.0)
-        vanished = SETTLED_RTOL * ramp + ROUNDING
+        simpler = AT_REST if scaled.problem.route.at_rest else IN_MOTION
+        vanished = simpler.slack * ramp + ROUNDING
         jerky = (slow > 0).any(axis=0)
-        return cls(times, jerky, gained, ramp, vanished)
+        return cls(times, jerky, gained, ramp, vanished, simpler.slack * gained, simpler)
 
 
 def _bent(
@@ -213,7 +230,7 @@ def _bent(
         return bent.rows
     for factors in (np.ones_like(rows.times), passed.times(rows)):
         slower = passed.by(passed.slower(rows, factors), -np.inf)
-        within = slower.rows.values >= -SETTLED_RTOL * limits.gained
+        within = slower.rows.values >= -limits.slack
         if slower.missed <= MISS and within.all():
             return slower.rows
     return bent.rows
@@ -329,7 +346,7 @@ class _Passed(NamedTuple):
         acceleration[0, ends] = np.where(follows, wished, acceleration[0, ends])
         after = _moved(rows, velocity, acceleration)
         own = slice(segment - 1, segment + 2)
-        least = np.minimum(rows.values, 0.0) - SETTLED_RTOL * self.limits.gained
+        least = np.minimum(rows.values, 0.0) - self.limits.slack
         fine = (after.values >= least)[:, 0, 0, own].all(axis=(0, 1))
         velocity = np.where(fine, velocity, rows.point.velocity)
         acceleration = np.where(fine, acceleration, rows.point.acceleration)
@@ -350,8 +367,7 @@ def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities
         after = rows
         for _ in range(NEWTON_STEPS):
             after = _settling(after, limits, chosen)
-        rounding = SETTLED_RTOL * limits.gained
-        least = np.minimum(rows.reach, 0.0) - rounding
+        least = np.minimum(rows.reach, 0.0) - limits.slack
         # A ramp of negative length means that the state is not reachable.
         negative = after.profiles.first < -limits.vanished
         is_used = _shares(after, limits) > 0
@@ -437,7 +453,7 @@ def _shares(rows: JerkInequalities, limits: _AllowedMotion) -> Array:
 
     `(2 sides, 1, segments, joints)`.
     """
-    is_tight = rows.reach <= TIGHT_RTOL * limits.gained
+    is_tight = rows.reach <= limits.slack
     high, low = np.where(is_tight, 0.0, rows.reach)
     share = low / np.maximum(high + low, TINY)
     return np.array([share, 1 - share])
@@ -532,13 +548,15 @@ def _knots(phases: Array) -> Array:
     return np.where(is_before, from_start, from_end)
 
 
-def _breaks(profiles: _KnottedProfiles, briefs: Array, even: Array, needs_own: Bools) -> Array:
+def _breaks(
+    profiles: _KnottedProfiles, limits: _AllowedMotion, even: Array, needs_own: Bools
+) -> Array:
     """Return the breaks of all joints of a segment, shares of its time, `(breaks, segments)`.
 
-    They end with ones, where a segment has fewer than others. `briefs`: the time of `_apart` of
-    each joint, `(segments, joints)`.
+    They end with ones, where a segment has fewer than others.
     """
     wanted = np.where(needs_own, profiles.breaks(), np.nan)
+    briefs = limits.simpler.brief * limits.ramp
     found = []
     for k, inner in enumerate(even[1:-1].T.tolist()):
         own = wanted[:, k]

@@ -255,8 +255,12 @@ class ExtremeProfiles:
     @property
     def reachable(self) -> Bools:
         """Return whether all phases take time and both ends keep the velocity limit."""
-        shortest = np.minimum(self.first, self.hold).min(axis=0)
-        return np.asarray((shortest >= -_ROUNDING) & self._slow_enough)
+        return np.asarray(self.ends_reachable.all(axis=0) & self._slow_enough)
+
+    @property
+    def ends_reachable(self) -> Bools:
+        """Return whether the phases of each end take time, `(2 ends, 2 sides, …)`."""
+        return np.asarray(np.minimum(self.first, self.hold) >= -_ROUNDING)
 
     def slopes(self) -> Slopes:
         """Return the first and second derivatives of the displacement by a cell's variables.

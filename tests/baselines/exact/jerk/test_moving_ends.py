@@ -68,8 +68,8 @@ def test_a_start_at_its_velocity_limit(seed, joint):
     assert motion.duration == pytest.approx(optimum(problem).duration, rel=1e-8)
 
 
-# in 11, 13 and 2025 a part of one segment is possible at one single instant
-@pytest.mark.parametrize("seed", [3, 7, 11, 13, 2019, 2025])
+# in 11, 13 and 473 a part of one segment is possible at one single instant
+@pytest.mark.parametrize("seed", [7, 11, 13, 203, 473, 2027])
 def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
     problem = drawn(seed, waypoints=3 + seed // 2 % 3, jerk=True)
     motion = solved(problem)
