@@ -7,9 +7,9 @@ guess in every interval of time between the gaps of all joints. The first segmen
 intervals, and each next one as long as the joints have had no time to stop. Backwards from the last
 segment it is the same. The guesses are all combinations of these intervals.
 
-An interval may be narrow, down to a single time: one joint speeds up throughout the segment and
-another one brakes throughout it. A part of an optimal motion often has such a segment. These
-intervals have guesses of their own, whose times stay below the middle of the gap (`narrow`).
+An interval may be a single time: one joint speeds up throughout the segment and another one brakes
+throughout it. A part of an optimal motion often has such a segment. So the guesses before a gap are
+also tried with times that stay between the middles of the gaps (`before_gaps`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,6 @@ _SLOW_SHARE = 0.95
 # Longest over least time of an interval that counts as a single time: it may be one, and the
 # velocity before it is a guess.
 _ONE_TIME = 1 + 1e-6
-# Widest narrow interval, relative to its least time.
-NARROW = 0.1
 # Largest share of the velocity limits that a guess uses.
 _LIMIT_SHARE = 0.98
 # Number of times that are tried for a segment between two given velocities, and for a problem of
@@ -70,11 +68,12 @@ class _Interval(NamedTuple):
 
     Attributes:
         low, high: Its least time and its longest one; the last interval has no longest one.
-        latest: The middle of the gap after it.
+        earliest, latest: The middles of the gaps before it and after it.
     """
 
     low: float
     high: float = np.inf
+    earliest: float = 0.0
     latest: float = np.inf
 
     @property
@@ -103,10 +102,6 @@ class _Fast(NamedTuple):
     velocities: tuple[Array, ...]
     first: _Interval = _Interval(0.0)
 
-    def narrower(self, width: float) -> bool:
-        """Return whether the first segment's interval is narrower than this, relative."""
-        return self.first.high <= (1 + width) * self.first.low
-
 
 class Start(NamedTuple):
     """An initial guess.
@@ -114,13 +109,13 @@ class Start(NamedTuple):
     Attributes:
         times: Of the segments, `(segments,)`.
         velocities: At the inner waypoints, `(segments - 1, joints)`.
-        latest: Times of the segments in the gaps that follow the guess, `(segments,)`; infinite
-            where none does.
+        between: Times of the segments in the gaps before and after the guess, `(2, segments)`; 0
+            and infinite where there is none.
     """
 
     times: Array
     velocities: Array
-    latest: Array
+    between: Array
 
 
 def starts(scaled: Scaled) -> list[tuple[Array, Array]]:
@@ -132,19 +127,20 @@ def starts(scaled: Scaled) -> list[tuple[Array, Array]]:
     return [own[:2] for own in islice(_starts(scaled), MAX_STARTS)]
 
 
-def narrow(scaled: Scaled) -> list[Start]:
-    """Return initial guesses in narrow intervals before a gap of the first or the last segment.
+def before_gaps(scaled: Scaled) -> list[Start]:
+    """Return the initial guesses in intervals before a gap of the first or the last segment.
 
-    A descent from there may cross the gap unless the times are kept below the latest ones.
+    A descent from there may cross a gap unless the times are kept between the middles of the gaps.
 
     Args:
         scaled: A problem that begins or ends in motion, with limits that are wide enough for an
             interval of a single time to have a width.
     """
-    return list(islice(_starts(scaled, NARROW), MAX_STARTS))
+    found = (own for own in _starts(scaled) if np.isfinite(own.between[1]).any())
+    return list(islice(found, MAX_STARTS))
 
 
-def _starts(scaled: Scaled, width: float | None = None) -> Iterator[Start]:
+def _starts(scaled: Scaled) -> Iterator[Start]:
     segments = len(scaled.h)
     whole = (2, *scaled.h.shape)
     v, a = (np.broadcast_to(own.reshape(2, -1, whole[-1]), whole) for own in (scaled.v, scaled.a))
@@ -152,8 +148,6 @@ def _starts(scaled: Scaled, width: float | None = None) -> Iterator[Start]:
     back = way.backwards
     start, end = scaled.end_v
     for first, last in product(_fast(way, start), _fast(back, -end)):
-        if width is not None and not (first.narrower(width) or last.narrower(width)):
-            continue
         begun, ended = len(first.times), len(last.times)
         between = segments - begun - ended
         u, w = first.velocities[-1], -last.velocities[-1]
@@ -163,8 +157,9 @@ def _starts(scaled: Scaled, width: float | None = None) -> Iterator[Start]:
         times = np.array(scaled.stop)
         times[:begun] = first.times
         times[segments - ended :] = last.times[::-1]
-        latest = np.full(segments, np.inf)
-        latest[[0, -1]] = first.first.latest, last.first.latest
+        around = np.tile([[0.0], [np.inf]], segments)
+        for segment, interval in ((-1, last.first), (0, first.first)):
+            around[:, segment] = interval.earliest, interval.latest
         if between == 1:
             middles = _between(way, begun, u, w)
         elif between > 1:
@@ -178,7 +173,7 @@ def _starts(scaled: Scaled, width: float | None = None) -> Iterator[Start]:
         for middle in middles:
             own = times.copy()
             own[begun] = middle
-            yield Start(own, velocities[1:-1], latest)
+            yield Start(own, velocities[1:-1], around)
 
 
 def borders(scaled: Scaled) -> list[float]:
@@ -279,11 +274,13 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[_Interval]:
         ends = (u[joint] + np.array([-1, 1]) * np.sqrt(square[joint])) / braking[joint]
         gaps.append(ends.tolist())
     low = earliest
+    before = 0.0
     found = []
     for begin, end in sorted(gaps):
         if begin > 0 and begin * _ONE_TIME >= low:
-            found.append(_Interval(min(low, begin), max(low, begin), (begin + end) / 2))
-        low = max(low, end)
+            found.append(_Interval(min(low, begin), max(low, begin), before, (begin + end) / 2))
+        if end > low:
+            low, before = end, (begin + end) / 2
     return [*found, _Interval(low)]
 
 

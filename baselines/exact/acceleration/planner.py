@@ -54,7 +54,7 @@ MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
 _KEPT_SHARE = 0.45  # of the dilation that the judge takes for rounding
-_WIDER = 1e-9  # share by which limits are wider at first, for an interval of a single time
+_WIDER = (1e-9, 1e-8)  # shares by which limits are wider at first, for an interval of a single time
 MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
 DILATION_TOL = 1e-15
 # A velocity that is closer to its limit than this is set to the limit: the duration changes by the
@@ -124,17 +124,16 @@ class Exact(SeveralStarts):
         known = _of_one_segment(scaled)
         if known is not None:
             return self.best_of(scaled, lambda _: [known], iter([(known.times, known.states)]))
-        narrow = _before_gaps(scaled)
-
-        solved = iter(narrow)
+        before = _before_gaps(scaled)
+        solved = iter(before)
 
         def solve_others(starts: Sequence[Start | None]) -> list[LocalOptimum]:
             others = [start for start in starts if start is not None]
-            before = list(islice(solved, len(starts) - len(others)))
-            return before + (solve_from(others) if others else [])
+            known = list(islice(solved, len(starts) - len(others)))
+            return known + (solve_from(others) if others else [])
 
-        every: Iterator[Start | None] = chain([None] * len(narrow), beside, starts)
-        return self.best_of(scaled, solve_others, every, apart=len(narrow) + len(beside))
+        every: Iterator[Start | None] = chain([None] * len(before), beside, starts)
+        return self.best_of(scaled, solve_others, every, apart=len(before) + len(beside))
 
 
 def _solved_near(
@@ -234,25 +233,40 @@ def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
 
 
 def _before_gaps(scaled: Passing) -> list[LocalOptimum]:
-    """Return the optima of the narrow intervals of time before gaps.
+    """Return the optima of the intervals of time before gaps, also of those of a single time.
 
     An interval of a single time has no interior. So the limits are a little wider at first.
     """
     if scaled.tolerance.any():
         return []
-    wider = scaled.widened(_WIDER)
-    together: dict[bytes, list[gaps.Start]] = {}
-    for start in gaps.narrow(wider):
-        together.setdefault(start.latest.tobytes(), []).append(start)
     found = []
-    for starts in together.values():
-        own = wider.widened(0.0)
-        own.latest = starts[0].latest
-        for near in _minimised(own, [start[:2] for start in starts]):
-            if np.isfinite(near.duration):
-                sharp = instants.sharpened(scaled, near.times, near.states)
-                found.append(_reached(scaled, *sharp, "Converged", MAX_BORDER_DILATION))
-    return [optimum for optimum in found if optimum is not None]
+    left = gaps.before_gaps(scaled.widened(max(_WIDER)))
+    for share in _WIDER:
+        failed = []
+        for starts in _in_groups(left):
+            wider = scaled.widened(share)
+            earliest, wider.latest = starts[0].between
+            wider.least = np.maximum(wider.least, earliest)
+            optima = _minimised(wider, [start[:2] for start in starts])
+            for start, near in zip(starts, optima, strict=True):
+                optimum = None
+                if np.isfinite(near.duration):
+                    sharp = instants.sharpened(scaled, near.times, near.states)
+                    optimum = _reached(scaled, *sharp, "Converged", MAX_BORDER_DILATION)
+                if optimum is None:
+                    failed.append(start)
+                else:
+                    found.append(optimum)
+        left = failed
+    return found
+
+
+def _in_groups(starts: Sequence[gaps.Start]) -> list[list[gaps.Start]]:
+    """Return the guesses in groups between the same gaps."""
+    groups: dict[bytes, list[gaps.Start]] = {}
+    for start in starts:
+        groups.setdefault(start.between.tobytes(), []).append(start)
+    return list(groups.values())
 
 
 def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> bool:
