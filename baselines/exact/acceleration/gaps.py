@@ -167,12 +167,12 @@ def _starts(scaled: Scaled) -> Iterator[Start]:
             middles = [_last_time(way, begun, u)]
         elif between == 0:
             velocities[begun] = (u + w) / 2
-            middles = [times[begun]]
+            middles = [times[-1]] if begun == segments else [times[begun]]
         else:
             continue
         for middle in middles:
             own = times.copy()
-            own[begun] = middle
+            own[min(begun, segments - 1)] = middle
             yield Start(own, velocities[1:-1], around)
 
 
@@ -208,13 +208,10 @@ def borders(scaled: Scaled) -> list[float]:
 
 
 def _fast(way: _Way, u: Array) -> Iterator[_Fast]:
-    """Yield every combination of intervals before the joints can stop, first that of no segment.
-
-    At least one segment is left.
-    """
+    """Yield every combination of intervals before the joints can stop, first that of no segment."""
     yield _Fast((), (u,))
     begun = [_Fast((), (u,))]
-    for segment in range(len(way.h) - 1):
+    for segment in range(len(way.h)):
         longer = []
         for own in begun:
             for interval in _intervals(way, segment, own.velocities[-1])[:-1]:
