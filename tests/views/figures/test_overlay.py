@@ -53,6 +53,22 @@ def test_labels_do_not_touch_and_are_inside(stopping):
     assert all(figure.bbox.contains(x, y) for box in boxes for x, y in (box.min, box.max))
 
 
+def test_four_motions_of_about_one_length_leave_room_for_their_curves():
+    shortest = motion("exact")
+    names = ["exact optimum", "Ruckig with searched waypoints", "TOPP-RA", "Ruckig with stops"]
+    shown = [
+        shortest._replace(name=name, trajectory=shortest.trajectory.dilated(1 + 0.05 * k))
+        for k, name in enumerate(names)
+    ]
+    figure = overlay.overlay(PROBLEM, shown)
+    figure.draw_without_rendering()
+    upper, _ = figure.axes
+    low, high = upper.get_ylim()
+    assert np.degrees(2.0) / (high - low) > 0.5  # the curves go from 0 to 2 rad
+    boxes = [text.get_window_extent() for text in upper.texts]
+    assert not any(box.count_overlaps(boxes[:k]) for k, box in enumerate(boxes))
+
+
 def test_a_planner_of_the_toolkit_has_one_look_in_every_comparison():
     for order in (["exact", "mine", "toppra"], ["issa", "toppra", "yours"], ["toppra"]):
         assert places(order)["toppra"] == KNOWN.index("toppra")

@@ -446,6 +446,13 @@ def test_groups_are_families_of_names_and_kinds_of_limits() -> None:
     }
 
 
+def test_what_else_is_asked_of_the_way_stands_beside_the_limits(tmp_path: Path) -> None:
+    moving = replace(problem("moving"), demands={"start_velocity": [0.25], "end_velocity": [-1.5]})
+    path = report.write(Results(run("ruckig-stop", None, on=moving)), tmp_path / "report.html")
+    text = " ".join(path.read_text(encoding="utf-8").split())
+    assert "acceleration; start velocity 0.25 rad/s; end velocity -1.5 rad/s</span>" in text
+
+
 def test_the_median_run_is_drawn_as_certified_at_no_more_than_200_points() -> None:
     trials = run("mine", 0.05, 3.0, 2.0, None)
     panel = motions.panel(trials, ["mine"], with_motions=True)

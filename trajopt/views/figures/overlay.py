@@ -20,6 +20,7 @@ from trajopt.views.figures.style import text
 WIDTH_IN = 5.6  # narrow, so that its texts are legible on a phone
 HEIGHT_IN = 4.4
 LABEL_LINE = 0.09  # height of a line of a label, share of the upper panel's height
+MAX_ROWS = 2  # of labels of two lines each
 LABEL_CHARACTER = 0.0155  # width of a character, roughly, share of the panel's width
 EQUAL_RTOL = 1e-3  # durations closer than this are said to be equal
 LABEL_SHIFT = 0.4  # share of a label's width by which it may stand right of its motion's end
@@ -118,8 +119,45 @@ def _said(problem: Problem, motions: Sequence[ShownMotion]) -> str:
 
 
 def _name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Write each motion's name and duration below its end; names that would touch are moved."""
+    """Write each motion's name and duration below its end; names that would touch are moved.
+
+    A name and its duration are two lines; where that needs many rows, they are one.
+    """
     low, high = axes.get_ylim()
+    lines = 2
+    placed = _placed(axes, ends)
+    if max(row for _, row, _, _ in placed) >= MAX_ROWS:
+        lines = 1
+        placed = _placed(axes, [(*own[:2], own[2].replace("\n", " "), own[3]) for own in ends])
+    step = (lines + 0.2) * LABEL_LINE
+    rows = 1 + max(row for _, row, _, _ in placed)
+    needed = step * rows
+    span = (high - low) / (1 - needed)
+    lowest = min(end[1] for end in ends)
+    falls = lowest < 0.5 * (low + high)
+    shown = [tick for tick in axes.get_yticks() if low <= tick <= high]
+    axes.set_yticks(shown)
+    axes.set_ylim((high - span, high) if falls else (low, low + span))
+    for centre, row, said, colour in placed:
+        height = needed - step * row - 0.02
+        if not falls:
+            height = 1 - needed + step * (rows - row) - 0.02
+        axes.text(
+            centre,
+            height,
+            said,
+            color=colour,
+            ha="center",
+            va="top",
+            fontsize=FONT_PT,
+            transform=axes.transAxes,
+        )
+
+
+def _placed(
+    axes: Axes, ends: Sequence[tuple[float, float, str, str]]
+) -> list[tuple[float, int, str, str]]:
+    """Return each label's centre (share of the width), row, text and colour."""
     left, right = axes.get_xlim()
     rows: list[float] = []  # where each row of names ends, relative to the width
     placed = []
@@ -133,24 +171,4 @@ def _name_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> Non
         centre = max(centre, rows[row] + width / 2)
         rows[row] = centre + width / 2 + 2 * LABEL_CHARACTER
         placed.append((centre, row, said, colour))
-    needed = 2.2 * LABEL_LINE * len(rows)
-    span = (high - low) / (1 - needed)
-    lowest = min(end[1] for end in ends)
-    falls = lowest < 0.5 * (low + high)
-    shown = [tick for tick in axes.get_yticks() if low <= tick <= high]
-    axes.set_yticks(shown)
-    axes.set_ylim((high - span, high) if falls else (low, low + span))
-    for centre, row, said, colour in placed:
-        height = needed - 2.2 * LABEL_LINE * row - 0.02
-        if not falls:
-            height = 1 - needed + 2.2 * LABEL_LINE * (len(rows) - row) - 0.02
-        axes.text(
-            centre,
-            height,
-            said,
-            color=colour,
-            ha="center",
-            va="top",
-            fontsize=FONT_PT,
-            transform=axes.transAxes,
-        )
+    return placed

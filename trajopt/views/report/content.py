@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +13,7 @@ import pandas as pd
 
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
+from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -23,6 +25,7 @@ from trajopt.views.figures.draw import distinct_names
 from trajopt.views.figures.style import BLACK, CURVES, MARKERS, places
 from trajopt.views.report import lines, origin, verdict
 
+MAX_NUMBERS_SAID = 12  # of a demand, in a problem's line
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
 SYMBOLS = {  # for each mark in figures: Plotly's name, and an SVG path around (15, 5)
@@ -117,6 +120,11 @@ class Page:
     @cached_property
     def kinds(self) -> list[str]:
         return [limit_kinds(p) for p in self.problems]
+
+    @cached_property
+    def demands(self) -> list[str]:
+        """Per problem, what else is asked of the way, with its numbers; empty for none."""
+        return ["; ".join(_demands(problem)) for problem in self.problems]
 
     @cached_property
     def statuses(self) -> list[str]:
@@ -315,6 +323,13 @@ def _rows(page: Page) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+def _demands(problem: Problem) -> Iterator[str]:
+    for key, numbers in problem.demands.items():
+        demand = DEMANDS[key]
+        short = numbers.size <= MAX_NUMBERS_SAID
+        yield demand.say(numbers, problem.shared_unit()) if short else demand.name
 
 
 def limit_kinds(problem: Problem) -> str:
