@@ -83,6 +83,10 @@ def test_the_digest_counts_what_is_asked_by_name():
         ({"start_velocity": [1.0]}, r"start_velocity is \[1.0\]: expected 2 numbers, one per j"),
         ({"start_velocity": 1.0}, "start_velocity is 1.0: expected 2 numbers, one per joint"),
         (
+            {"start_velocity": np.ones((1, 2))},
+            r"start_velocity is \[\[1.0, 1.0\]\]: expect",
+        ),
+        (
             {"end_velocity": [0, "fast"]},
             "end_velocity, joint 2 is 'fast': expected a finite number",
         ),

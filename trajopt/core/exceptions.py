@@ -93,8 +93,8 @@ class InvalidInput(TrajoptError, ValueError):
         if self.joint is not None:
             text += f", joint {self.joint + 1}"
         value = self.value
-        if hasattr(value, "item"):  # a NumPy number
-            value = value.item()
+        if hasattr(value, "tolist"):  # a number or an array of NumPy
+            value = value.tolist()
         if value is not None:
             text += f" is {shown(value)}"
         return f"{text}: expected {shortened(self.expected, _LONGEST_HINT)}"
