@@ -116,18 +116,22 @@ class ToppRa(Planner):
         if all(key in problem.demands for key in END_VELOCITIES):
             # no end is left to which the end rule applies
             tried = [*{rule[0]: rule for rule in tried}.values()]
+        shortest: dict[str, float] = {}
         for rule in tried:
-            solutions |= self._timed(problem, *rule)
+            solutions |= self._timed(problem, *rule, shortest)
         best = replace(best_of(problem, solutions), evaluations=len(solutions))
         if self.search and best.trajectory is not None and problem.segments > 1:
             return self._searched(problem, best)
         return best
 
-    def _timed(self, problem: Problem, knot_rule: Knots, end_rule: Ends) -> dict[str, Solution]:
+    def _timed(
+        self, problem: Problem, knot_rule: Knots, end_rule: Ends, shortest: dict[str, float]
+    ) -> dict[str, Solution]:
         """Return the timing of a rule's spline; with velocities at the ends, for several tangents.
 
         Longer and longer tangents are tried until two of the paths can be followed: along a longer
-        one the path bends less.
+        one the path bends less. The first one that can be followed is kept in `shortest`, by knot
+        rule: with the next end rule shorter ones are not tried again.
         """
         name = f"{knot_rule}/{end_rule}"
         if problem.route.at_rest:
@@ -136,10 +140,14 @@ class ToppRa(Planner):
         solutions = {}
         followed = 0
         for tangent in _TANGENTS:
+            if tangent < shortest.get(knot_rule, 0.0):
+                continue
             path = spline(problem, knot_rule, end_rule, tangent)
             solution = along(problem, path, gridpoints=self.gridpoints, again=False)
             solutions[f"{name}/{tangent:g}"] = solution
-            followed += solution.trajectory is not None
+            if solution.trajectory is not None:
+                shortest.setdefault(knot_rule, tangent)
+                followed += 1
             if followed == _FOLLOWED:
                 break
         return solutions

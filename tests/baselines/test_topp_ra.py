@@ -242,3 +242,16 @@ def test_an_optimum_in_motion_keeps_its_own_timing():
     motion = Exact().solve(problem).trajectory
     timed = along(problem, motion)
     assert certified(problem, timed) == pytest.approx(motion.duration, rel=1e-3)
+
+
+def test_a_tangent_that_no_path_can_follow_is_not_tried_with_each_end_rule():
+    """From 0.9 of its velocity limit a joint turns soon: the shortest tangents bend too much."""
+    limits = Limits([1.0, 1.0], [2.0, 2.0])
+    demands = {"start_velocity": [0.9, -0.9]}
+    problem = Problem([[0.0, 0.0], [0.3, 0.3], [1.0, 0.0]], limits, demands=demands)
+    stats = ToppRa(gridpoints=60).solve(problem).stats
+    tried = [tuple(rule.split("/")) for rule in stats if rule.count("/") == 2]
+    failed = [own for own in tried if isinstance(stats["/".join(own)], str)]
+    assert failed
+    for knots, _, length in failed:
+        assert [own[::2] for own in tried].count((knots, length)) == 1

@@ -25,7 +25,7 @@ def prove(
     family: Literal["free", "spline353"] = "free",
     within: Annotated[float, number("Relative gap of both bounds at which to stop.")] = 1e-4,
     time_limit: Annotated[
-        float, number("Seconds; then the bounds so far are the answer.", most=MAX_SECONDS)
+        float, number("CPU seconds; then the bounds so far are the answer.", most=MAX_SECONDS)
     ] = 60.0,
     json: Json = False,
 ) -> int:
