@@ -221,14 +221,14 @@ def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
     if len(scaled.h) > 1 or scaled.has_demands:
         return None
     none = np.zeros((0, scaled.h.shape[1]))
-    times = gaps.borders(scaled)
-    for time in times:
-        if _reached(scaled, np.array([time]), none, "Converged", MAX_BORDER_DILATION) is None:
-            continue
-        # one of its roundings may need less of the limits
-        same = [np.array([own]) for own in times if 1 <= own / time <= MAX_BORDER_DILATION]
-        best = min(same, key=lambda own: instants.excess(scaled, own, none))
-        return _reached(scaled, best, none, "Converged", MAX_BORDER_DILATION)
+    for time in gaps.borders(scaled):
+        near = np.array([time])
+        if instants.excess(scaled, near, none) < max(_WIDER):
+            # rounding moves the borders of several joints apart
+            own, _ = instants.sharpened(scaled, near, none)
+            found = _reached(scaled, own, none, "Converged", MAX_BORDER_DILATION)
+            if found is not None:
+                return found
     return None
 
 
