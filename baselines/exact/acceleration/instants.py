@@ -19,7 +19,7 @@ from trajopt.core.arrays import Array, Bools, Indices
 
 Point = tuple[Array, Array]  # segment times, inner velocities
 
-STEPS = 12
+STEPS = 24
 SLOW = 0.1  # share of the excess that is left after a step towards a simple zero, at most
 ROUNDING = 2e-16  # a smaller excess over the limits, relative
 _WIDER = 1e-6  # share by which limits are wider, for the derivatives by them
@@ -83,12 +83,14 @@ def sharpened(scaled: Scaled, times: Array, velocities: Array) -> Point:
         if step is None:
             break
         before = rows.excess
+        tried = []
         # where a row's zero is a double one, a step goes half the way
         for factor in (1, 2):
             own = _moved(best, step, factor, limits)
-            after = _rows(scaled, *own)
-            if after.excess <= SLOW * before:
+            tried.append((own, _rows(scaled, *own)))
+            if tried[0][1].excess <= SLOW * before:
                 break
+        own, after = min(tried, key=lambda each: each[1].excess)
         if after.excess >= before:
             break
         best, rows = own, after

@@ -53,6 +53,7 @@ Start = tuple[Array, Array]  # segment times, waypoint velocities
 MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
+_NEGLIGIBLE = 1e-14  # excess over the limits for which a motion is planned within them
 _KEPT_SHARE = 0.45  # of the dilation that the judge takes for rounding
 _WIDER = (1e-9, 1e-8)  # shares by which limits are wider at first, for an interval of a single time
 MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
@@ -188,7 +189,8 @@ class Passing(Scaled):
         ends = with_outer(states, self.end_v, self.closed)
         starts = self.problem.waypoints[:-1]
         walls = self.problem.limits.position.T
-        allowed = self.allowed
+        needed = 0.0 if self.problem.route.dilatable else instants.excess(self, times, states)
+        allowed = self.allowed if needed > _NEGLIGIBLE else self
         task = SegmentTask(
             times[:, None],
             self.h,
@@ -408,7 +410,9 @@ def _reached(
     scaled: Passing, times: Array, velocities: Array, status: str, largest_dilation: float
 ) -> LocalOptimum | None:
     """Return the optimum of times and waypoint velocities, dilated until it is reachable."""
-    k = repair(times, velocities, scaled.allowed, largest_dilation)
+    k = repair(times, velocities, scaled, largest_dilation)
+    if np.isinf(k):
+        k = repair(times, velocities, scaled.allowed, largest_dilation)
     if np.isinf(k):
         return None
     return LocalOptimum(k * float(times.sum()), k * times, velocities / k, status)
