@@ -18,16 +18,16 @@ _READINGS = ("timing", "fitness")  # options for what the paper leaves open
 
 def show(results: Results) -> None:
     """Print a table per problem, the readings used, and why runs failed."""
-    readings = _readings(results.items)
     problems: dict[str, list[Line]] = {}
     for line in results.lines():
         problems.setdefault(line.digest, []).append(line)
-    for lines in problems.values():
+    for digest, lines in problems.items():
         console.OUT.print(_comparison(lines))
         for line in lines:
             if line.solved < line.runs:
                 console.paragraph(_why_not_solved(line))
-        console.paragraph(_caption(lines, readings))
+        own = [trial for trial in results.items if trial.digest == digest]
+        console.paragraph(_caption(lines, _readings(own)))
         console.paragraph()
 
 
@@ -57,12 +57,13 @@ def _why_not_solved(line: Line) -> str:
 
 
 def _readings(trials: Sequence[Trial]) -> str:
-    """Name the readings of the paper that were run: how joints are combined, and the fitness."""
-    readings = set()
-    for trial in trials:
-        chosen = [f"{n}={trial.options[n]}" for n in _READINGS if n in trial.options]
-        readings.add(", ".join(chosen))
-    return "; ".join(sorted(filter(None, readings)))
+    """Name the readings of the paper that answered: how joints are combined, and the fitness."""
+    readings = {
+        ", ".join(f"{name}={trial.options[name]}" for name in _READINGS)
+        for trial in trials
+        if trial.solution.trajectory is not None and trial.options.keys() >= set(_READINGS)
+    }
+    return "; ".join(sorted(readings))
 
 
 def _caption(lines: Sequence[Line], readings: str) -> str:
