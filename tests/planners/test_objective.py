@@ -177,3 +177,22 @@ def test_a_function_that_cannot_be_recorded_is_refused():
     assert compiled(lambda times: (times**2).sum(axis=1), sample)(sample) == 5.0
     with pytest.raises(RuntimeError, match="lossy"):
         compiled(lossy, sample)
+
+
+@pytest.mark.parametrize("shape", ["3-5-3", "5"])
+def test_limits_per_segment_count_as_the_tightest_everywhere(shape):
+    free = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [4.0]))
+    pairs = [[[-3.0, 3.0]], [[-1.0, 2.0]], [[-2.0, 1.0]]]
+    own = Problem(free.waypoints, Limits(pairs, [4.0]))
+    f, g = (trajopt.objective(each, shape=shape, fitness="scaled") for each in (own, free))
+    times = 0.4 * g.high
+    assert f(times) == g(times)
+    assert trajopt.judge(own, f.trajectory(times)).certificate.feasible
+
+
+def test_what_no_times_can_keep_is_refused():
+    limits = Limits([1.0], [4.0])
+    for demands in ({"start_velocity": [0.5]}, {"dwell": [0.0, 0.2, 0.0]}, {"least_times": [1, 1]}):
+        problem = Problem([[0.0], [1.0], [2.0]], limits, demands=demands)
+        with pytest.raises(InvalidInput, match=f"do not know {next(iter(demands))[:5]}"):
+            trajopt.objective(problem, shape="5")

@@ -9,6 +9,7 @@ trajopt.judge("six-axis", f.trajectory(best))
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trajopt.core.arrays import Array
+from trajopt.core.demand import DEMANDS, names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
@@ -41,7 +43,8 @@ class Objective:
 
     Called with one candidate `(variables,)` it returns a number, with many `(n, variables)` an
     array `(n,)`, s. A candidate outside the box is evaluated as the nearest one inside. One that is
-    not finite has an infinite fitness. Only one thread at a time may call it; other processes get a
+    not finite has an infinite fitness. Where limits differ between segments, the tightest of each
+    joint count everywhere. Only one thread at a time may call it; other processes get a
     copy.
 
     Attributes:
@@ -70,11 +73,12 @@ class Objective:
             raise InvalidInput("fitness", " or ".join(map(repr, choices)), value=fitness)
         reason = unsupported(problem, str(shape))
         if reason is not None:
-            raise InvalidInput("shape", f"one for this problem: {reason}", value=shape)
+            raise InvalidInput("shape", f"one for {problem.name}: {reason}", value=shape)
         self.problem = problem
+        self._searched = replace(problem, limits=problem.limits.in_all_segments())
         self.shape = str(shape)
         self.fitness = fitness
-        self._simpler = SIMPLEST.apply(problem)
+        self._simpler = SIMPLEST.apply(self._searched)
         self._timing = _timing(self._simpler, self.shape, lower, upper)
         self.variables = self._timing.variables
         self.low = np.full(self.variables, self._timing.low)
@@ -117,7 +121,7 @@ class Objective:
         if self.fitness == "scaled":
             inside = inside * self._timing.dilation(inside[None])
         motion = self._timing.trajectory(self._simpler, inside)
-        return SIMPLEST.restored(self.problem, motion)
+        return SIMPLEST.restored(self._searched, motion)
 
     def __repr__(self) -> str:
         name = self.problem.name or "a problem"
@@ -147,13 +151,17 @@ class Objective:
 
 def unsupported(problem: Problem, shape: str) -> str | None:
     """Return why no times of a shape can be searched for a problem, or None."""
+    demands = [key for key in problem.demands if DEMANDS[key].left_out != "restriction"]
+    if demands:
+        return f"a spline's times do not know {names(demands)}"
     reason = Planner.unsupported(SwarmPlanner(), problem)  # a kind of limit that no timing knows
     if reason is not None:
         return reason
     if shape == CLOSED_FORM:
         return spline353.unsupported(problem) or spline353.infeasible(problem)
     try:
-        FamilyTiming.of(SIMPLEST.apply(problem), shape, LOWER, UPPER)
+        of_all = replace(problem, limits=problem.limits.in_all_segments())
+        FamilyTiming.of(SIMPLEST.apply(of_all), shape, LOWER, UPPER)
     except InvalidInput as error:
         return str(error)
     return None
