@@ -15,7 +15,7 @@ change linearly. The velocities then change nearly linearly too. Along a step th
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -208,12 +208,12 @@ class JerkInequalities:
         """Return the model of a Newton step. `weights`: multiplier over slack, per inequality."""
         return JerkLinearisation(self, multipliers, weights)
 
-    def after(self, step: JerkUnknowns, length: Array) -> JerkInequalities:
+    def after(self, step: JerkUnknowns, length: Array) -> Self:
         """Return the inequalities after this length of a step, `(starts,)`.
 
         1/T changes linearly with the length.
         """
-        return JerkInequalities(self.cells, self._stepped(step, length))
+        return type(self)(self.cells, self._stepped(step, length))
 
     def _stepped(self, step: Any, length: Array) -> Any:
         """Return the point after a step, at which the velocities of the ends are as given."""
@@ -234,9 +234,9 @@ class JerkInequalities:
         reachable = self.profiles.reachable.all(axis=(0, 2, 3))
         return np.asarray((kept >= MIN_KEPT_SLACK) & reachable)
 
-    def of(self, some: Bools) -> JerkInequalities:
+    def of(self, some: Bools) -> Self:
         """Return the inequalities of some of the starts."""
-        return JerkInequalities(self.cells, chosen(self.point, some))
+        return type(self)(self.cells, chosen(self.point, some))
 
     @cached_property
     def slopes(self) -> Slopes:

@@ -3,7 +3,8 @@
 Every segment has the same number of pieces of constant jerk, equally long. IPOPT minimises the time
 of such a motion, within limits that are a little tighter, from guesses of the segment times. It may
 miss waypoints, at a cost, so no guess is impossible. The states of an answer that misses none are
-inside every inequality of the exact program: its method begins there.
+inside every inequality of the exact program: its method begins there. Where an answer misses one,
+wider limits are tried; `exact.jerk.narrow` leads from there to the problem's own.
 
 What has time to stop needs no such start. So only the segments that are passed before every joint
 can stop are planned so, and one more, from the motion's start on and backwards from its end.
@@ -21,7 +22,7 @@ import numpy as np
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.method.scaled import RETURNS, Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.planners.planner import backend
 
 PIECES = 8
@@ -29,6 +30,8 @@ PIECES = 8
 _STOPPING = 1.05
 # The share of what the states at the ends leave of the limits by which these are tighter.
 _TIGHTER = 0.02
+# The share by which they are wider where that misses a waypoint.
+_WIDER = 0.01
 # A guess passes at the velocity of the motion's end, or at this share of the limits.
 _SLOWEST = 0.3
 _LONGEST = 10.0  # segment, relative to the whole of a guess
@@ -147,52 +150,86 @@ def starts(scaled: Scaled) -> list[JerkStart]:
 
 def _different(way: _Passage, first: int, last: int) -> list[JerkStart]:
     """Return the motions to which the guesses lead, the fastest first."""
-    found = [_motion(way, times) for times in way.guesses(first, last)]
-    motions = sorted((own for own in found if own), key=lambda own: own.times.sum())
+    found = [own for times in way.guesses(first, last) for own in _motions(way, times)]
+    motions = sorted(found, key=lambda own: own.times.sum())
     totals = np.array([own.times.sum() for own in motions])
     is_other = np.diff(totals, prepend=0.0) > _SAME_RTOL * totals
     return [own for own, other in zip(motions, is_other, strict=True) if other]
 
 
-def _motion(way: _Passage, times: Array) -> JerkStart | None:
-    """Return a motion through all waypoints, from a guess of its times, if one is found.
+def _motions(way: _Passage, times: Array) -> Iterator[JerkStart]:
+    """Yield the motions through all waypoints that are found from a guess of its times.
 
-    Where a waypoint is missed there is no time to pass it at speed: the first such segment is given
-    the time to stop, to come back and to start again.
+    Where a state at an end is at a limit, or a waypoint is missed, the motion may be possible at a
+    single instant alone: so limits are a little wider. Where there is no time to pass a waypoint at
+    speed the first such segment is given the time to stop, to come back and to start again.
     """
-    program = _Numbers(way)
+    tighter, wider = _Numbers(way, _TIGHTER), _Numbers(way, -_WIDER)
+    found = wider.solved(times) if tighter.is_full else None
+    if found is not None:
+        yield found.start
     lengthened = np.zeros(len(times), dtype=bool)
     for _ in times:
-        found = program.solved(times)
+        found = tighter.solved(times)
         if found is None:
-            return None
-        start, misses = found
-        missed = np.flatnonzero((misses > _MISSED).any(axis=1))
-        if not len(missed):
-            return start
-        if lengthened[missed[0]]:
-            return None
-        times = start.times.copy()
-        times[missed[0]] = way.stop[missed[0]] + way.returns.sum()
-        lengthened[missed[0]] = True
-    return None
+            return
+        if found.hits:
+            yield found.start
+            return
+        if not tighter.is_full:
+            within = wider.solved(found.start.times)
+            if within is not None:
+                yield within.start
+        missed = found.missed.argmax()
+        if lengthened[missed]:
+            return
+        times = found.start.times.copy()
+        times[missed] = way.stop[missed] + way.returns.sum()
+        lengthened[missed] = True
+
+
+class _Found(NamedTuple):
+    """The motion that IPOPT finds.
+
+    Attributes:
+        start: its times and states.
+        missed: segments that miss their waypoint, `(segments,)`.
+    """
+
+    start: JerkStart
+    missed: Bools
+
+    @property
+    def hits(self) -> bool:
+        """Return whether every waypoint is met."""
+        return not self.missed.any()
 
 
 class _Numbers:
-    """Return the numbers of a passage in its program: limits a little tighter, by piece."""
+    """The numbers of a passage in its program: limits tighter by a share, by piece.
 
-    def __init__(self, way: _Passage) -> None:
+    A negative share makes all of them wider.
+    """
+
+    def __init__(self, way: _Passage, share: float) -> None:
         signs = np.array([[[-1.0]], [[1.0]]])
         slow = way.r.max(axis=(0, 1))
         velocity, acceleration = np.abs(way.ends).swapaxes(0, 1)
         led = velocity + slow * acceleration**2 / 2
 
+        self.is_full = bool(
+            any(
+                (used > (1 - _TIGHTER) * np.abs(limits).min(axis=0)[[0, -1]]).any()
+                for limits, used in ((way.v, led), (way.a, acceleration))
+            )
+        )
+
         def tighter(limits: Array, used: Array) -> Array:
             by_segment = np.zeros_like(way.h)
             by_segment[0] = used[0]
             by_segment[-1] = np.maximum(by_segment[-1], used[1])
-            left = np.maximum(np.abs(limits) - by_segment, 0.0)
-            return (limits - _TIGHTER * signs * left)[:, self.pieces]
+            left = np.maximum(np.abs(limits) - (by_segment if share > 0 else 0.0), 0.0)
+            return (limits - share * signs * left)[:, self.pieces]
 
         self.way = way
         self.jerky = slow > 0
@@ -200,10 +237,10 @@ class _Numbers:
         self.v = tighter(way.v, led)
         self.a = tighter(way.a, acceleration)
         with np.errstate(divide="ignore"):
-            self.jerk = (signs * (1 - _TIGHTER) / way.r)[:, self.pieces]
+            self.jerk = (signs * (1 - share) / way.r)[:, self.pieces]
 
-    def solved(self, times: Array) -> tuple[JerkStart, Array] | None:
-        """Return the motion that IPOPT finds from these times, and by how much it misses."""
+    def solved(self, times: Array) -> _Found | None:
+        """Return the motion that IPOPT finds from these times."""
         way = self.way
         count, joints = way.h.shape
         # at a break the tighter limits of the pieces on both sides
@@ -230,7 +267,8 @@ class _Numbers:
         found, velocity, acceleration, _, misses = unflat(run.x, shapes)
         at = slice(PIECES - 1, None, PIECES)
         states = velocity[at], np.where(self.jerky, acceleration[at], 0.0)
-        return JerkStart(found, *states), misses[:count] + misses[count:]
+        missed = np.any(misses[:count] + misses[count:] > _MISSED, axis=1)
+        return _Found(JerkStart(found, *states), missed)
 
 
 @cache

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
-from baselines.exact.jerk import even_pieces, gaps, one_sided
+from baselines.exact.jerk import even_pieces, gaps, narrow, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
@@ -151,12 +151,17 @@ class ExactJerk(SeveralStarts):
                 from baselines.exact.jerk.by_ipopt import minimised
 
                 return minimised(scaled, [own.times for own in starts])
-            return _minimised(scaled, starts)
+            found = _minimised(scaled, starts)
+            for k, own in enumerate(starts):
+                if isinstance(own, narrow.NarrowStart) and not np.isfinite(found[k].duration):
+                    found[k : k + 1] = _met(scaled, [own])
+            return found
 
         if not problem.route.at_rest and len(scaled.h) == 1:
             return self.best_of(scaled, partial(_met, scaled), iter(gaps.first_time(scaled)))
         if not problem.route.at_rest:
-            beside = [*gaps.starts(scaled), *even_pieces.starts(scaled)]
+            passed = narrow.inside(scaled, even_pieces.starts(scaled))
+            beside = [*gaps.starts(scaled), *passed]
             every = chain(beside, gaps.more_starts(scaled) if patient else ())
             return self.best_of(scaled, solve, every, apart=len(beside))
         starts = islice(_starts(scaled), (MAX_STARTS_FACTOR if patient else 1) * self.starts)

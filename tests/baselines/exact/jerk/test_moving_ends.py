@@ -68,8 +68,8 @@ def test_a_start_at_its_velocity_limit(seed, joint):
     assert motion.duration == pytest.approx(optimum(problem).duration, rel=1e-8)
 
 
-# in 11, 13 and 473 a part of one segment is possible at one single instant
-@pytest.mark.parametrize("seed", [7, 11, 13, 203, 473, 2027])
+# a part is possible at one single instant: of one segment in 13 and 473, of more in 77 and 2091
+@pytest.mark.parametrize("seed", [13, 77, 473, 2027, 2091])
 def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
     problem = drawn(seed, waypoints=3 + seed // 2 % 3, jerk=True)
     motion = solved(problem)
