@@ -224,10 +224,8 @@ def moving(optimum: str, seed: int) -> Checks:
     if motion is None or (jerk and seed % 20 != 1):
         return
     times = motion.waypoint_times
-    for cut in times[1:2] if jerk else times[1:-1]:
+    for cut in times[1:-1]:
         yield f"{optimum} in two parts, in motion", in_two(optimum, whole, cut), THEOREM
-    if jerk:
-        return
     shares = np.random.default_rng([53, seed]).uniform(0.02, 0.98, whole.segments)
     for cut in times[:-1] + shares * np.diff(times):
         yield f"{optimum} cut within a segment", in_two(optimum, whole, cut), THEOREM
