@@ -47,8 +47,9 @@ _PASSING = np.linspace(0.85, 1.15, 25)
 # Number of times that are tried where only the time is free; each edge is then so often halved.
 _ALONE_TIMES = 2000
 _HALVINGS = 50
+_PASSES = 2  # of looking for edges
 # Rounding of a slack, relative to the changes of position that it is the difference of.
-_ROUNDING_RTOL = 1e-13
+_ROUNDING_RTOL = 1e-14
 # Least slack of an initial guess's displacements, in units of the time squared.
 _SLACK = 1e-6
 # Distance of an initial guess from the edge of its interval, in times of the grid. The second value
@@ -143,7 +144,11 @@ def first_time(scaled: Scaled) -> list[JerkStart]:
     low = max(float(scaled.shortest[0]), float(scaled.least[0]), _TINIEST)
     times = np.geomspace(low, _LONGEST * max(float(scaled.stop[0]), low), _ALONE_TIMES)
     with np.errstate(all="ignore"):
-        times = np.union1d(times, edges(times, in_reach))
+        # between two edges others may come and go
+        for _ in range(_PASSES):
+            near = np.unique(edges(times, in_reach))
+            times = np.concatenate([times, near, (near[1:] + near[:-1]) / 2])
+            times.sort()
         tried = np.union1d(times[:1], edges(times, possible))
         found = np.append(possible(tried).all(axis=(0, 2)), False)
     if not found.any():

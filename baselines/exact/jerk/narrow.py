@@ -30,6 +30,7 @@ from trajopt.core.arrays import Bools
 _WIDEST = 0.015
 _FACTORS = np.append([0.97, 0.9, 0.8, 0.7], 0.5 ** np.arange(1, 35))
 _LEAST = 1e-12
+_MOST_SPARE = 0.9
 _ROUNDS = 100
 _CENTRING_STEPS = 8
 # Complementarity gap of a centred guess, relative to its duration: in proportion to the share, but
@@ -73,19 +74,21 @@ class _Central(JerkInequalities):
         return bool(self.values.min() > 0 and self.profiles.reachable.all())
 
 
-def inside(scaled: Scaled, starts: Iterable[JerkStart]) -> list[JerkStart]:
+def inside(scaled: Scaled, starts: Iterable[JerkStart], spare: float) -> list[JerkStart]:
     """Return starts inside all limits, without those that lead to none.
 
     Args:
         scaled: A problem that begins or ends in motion.
         starts: Inside limits that are wider by 1 %.
+        spare: The share by which the limits are tighter for rounding. A narrow start may use most
+            of it.
     """
     with np.errstate(all="ignore"):
-        found = [_narrowed(scaled, start) for start in starts]
+        found = [_narrowed(scaled, start, _MOST_SPARE * spare) for start in starts]
     return [own for own in found if own is not None]
 
 
-def _narrowed(scaled: Scaled, start: JerkStart) -> JerkStart | None:
+def _narrowed(scaled: Scaled, start: JerkStart, spare: float) -> JerkStart | None:
     """Return the start if it is inside all limits, else where narrower limits lead from it."""
 
     def rows(share: float) -> _Central:
@@ -97,16 +100,18 @@ def _narrowed(scaled: Scaled, start: JerkStart) -> JerkStart | None:
     share = _WIDEST
     for _ in range(_ROUNDS):
         if not rows(share).is_inside:
-            return None
+            break
         point = descended(begun(rows(share)), _never, _CENTRING_STEPS).state.rows.point
         narrower = [own for own in share * _FACTORS[::-1] if own > _LEAST]
         deepest = next((own for own in (0.0, *narrower) if rows(own).is_inside), None)
         if deepest is None:
-            return None
+            break
         share = deepest
         if share == 0.0:
-            return NarrowStart(np.exp(point.log[0]), point.velocity[0], point.acceleration[0])
-    return None
+            break
+    if share > spare:
+        return None
+    return NarrowStart(np.exp(point.log[0]), point.velocity[0], point.acceleration[0])
 
 
 def _never(_: object) -> Bools:

@@ -160,7 +160,7 @@ class ExactJerk(SeveralStarts):
         if not problem.route.at_rest and len(scaled.h) == 1:
             return self.best_of(scaled, partial(_met, scaled), iter(gaps.first_time(scaled)))
         if not problem.route.at_rest:
-            passed = narrow.inside(scaled, even_pieces.starts(scaled))
+            passed = narrow.inside(scaled, even_pieces.starts(scaled), spare)
             beside = [*gaps.starts(scaled), *passed]
             every = chain(beside, gaps.more_starts(scaled) if patient else ())
             return self.best_of(scaled, solve, every, apart=len(beside))
