@@ -91,22 +91,21 @@ def inside(scaled: Scaled, starts: Iterable[JerkStart], spare: float) -> list[Je
 def _narrowed(scaled: Scaled, start: JerkStart, spare: float) -> JerkStart | None:
     """Return the start if it is inside all limits, else where narrower limits lead from it."""
 
-    def rows(share: float) -> _Central:
-        return _Central(_WiderTables(scaled, share), point)
+    def rows(at: JerkUnknowns, share: float) -> _Central:
+        return _Central(_WiderTables(scaled, share), at)
 
     point = JerkTables(scaled).linked(*(own[None] for own in start))
-    if rows(0.0).is_inside:
+    if rows(point, 0.0).is_inside:
         return start
     share = _WIDEST
     for _ in range(_ROUNDS):
-        if not rows(share).is_inside:
+        begins = begun(rows(point, share))
+        centred = descended(begins, _never, _CENTRING_STEPS).state.rows.point
+        if not rows(centred, share).is_inside:
             break
-        point = descended(begun(rows(share)), _never, _CENTRING_STEPS).state.rows.point
+        point = centred
         narrower = [own for own in share * _FACTORS[::-1] if own > _LEAST]
-        deepest = next((own for own in (0.0, *narrower) if rows(own).is_inside), None)
-        if deepest is None:
-            break
-        share = deepest
+        share = next((own for own in (0.0, *narrower) if rows(point, own).is_inside), share)
         if share == 0.0:
             break
     if share > spare:
