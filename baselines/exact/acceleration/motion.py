@@ -19,6 +19,9 @@ from trajopt.core.arrays import Array, Bools
 
 # Breaks at a smaller distance than this share of a segment are close.
 _CLOSE_RTOL = 1e-6
+# Of a motion that cannot be dilated, breaks at a smaller distance than this share are one: their
+# distance is rounding, and no accelerations over it correct the motion.
+_ONE_BREAK_RTOL = 3e-14
 # Share of the unused acceleration that the profile of least overshoot leaves, so that close breaks
 # can be removed.
 _KEPT_SHARE = 1e-3
@@ -69,7 +72,7 @@ def pieces(task: SegmentTask, brief: float, *, dilatable: bool = True) -> Pieces
 
     own = _own(ramps, task)
     first, cruise, _ = own.lengths
-    breaks = _breaks(own, task.times)
+    breaks = _breaks(own, task.times, 0.0 if dilatable else _ONE_BREAK_RTOL)
     middles = (breaks[:-1] + breaks[1:]) / 2
     at_first, _, at_last = own.start
     last = first + cruise
@@ -84,11 +87,16 @@ def pieces(task: SegmentTask, brief: float, *, dilatable: bool = True) -> Pieces
     return segments.thinned(shared, close, brief)
 
 
-def _breaks(own: Pieces, end: Array) -> Array:
-    """Return all joints' breaks in order, each once, then the end, `(breaks, segments, 1)`."""
+def _breaks(own: Pieces, end: Array, apart: float) -> Array:
+    """Return all joints' breaks in order, each once, then the end, `(breaks, segments, 1)`.
+
+    Breaks at a smaller distance than the share `apart` of a segment are one.
+    """
     first, cruise, _ = own.lengths
     times = np.sort(np.hstack([0 * end, first, first + cruise, end]), axis=1)
-    is_new = np.diff(times, axis=1, prepend=-1.0) > 0
+    if apart:
+        times = np.where(end - times <= apart * end, end, times)
+    is_new = np.diff(times, axis=1, prepend=-1.0) > apart * end
     once = np.where(is_new, times, end)
     return np.sort(once, axis=1).T[..., None]
 

@@ -103,6 +103,8 @@ def parts_take_as_long(problem, motion, cut):
         (2345, 4, 1.5382818066298352),
         # one segment so brief that the rounding of its waypoints uses 8e-13 of a limit
         (2033, 4, 1.6733827372107732),
+        # two joints' breaks are 2e-15 s apart: no acceleration over it corrects the motion
+        (2070, 3, 1.8326660889399968),
         # one segment of one piece, whose break of 2e-14 s cannot be removed
         (2091, 6, 1.5827023439737382),
     ],
