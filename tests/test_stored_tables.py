@@ -196,6 +196,28 @@ def test_the_arena_says_what_its_tables_show():
     gaps = medians(columns["median gap"])
     counts = [sum(gap <= percent for gap in gaps) for percent in (0.1, 1)]
     assert "{} are within 0.1 % in the median run, and {} within 1 %".format(*counts) in text
+    assert f"{sorted(gaps)[len(gaps) // 2]:.2f} % above the optimum or more" in text
+    groups = {row[0].strip("*"): row[heading.index("group")] for row in body}
+    assert f"the first of {body[-1][heading.index('group')]} groups" in text
+    assert (
+        "`de` is in the {de}nd, `pso` in the {pso}th, `issa` in the {issa}th".format(**groups)
+        in text
+    )
+    random = gaps[list(groups).index("pymoo RandomSearch")]
+    worse = sum(gap > random for gap in gaps)
+    assert f"{worse} farther from it than random search, which ends {random:.4f} %" in text
+
+    _, (heading, *body) = stored(STORED / "arena-others-10000.csv")
+    columns = {name: [row[i] for row in body] for i, name in enumerate(heading)}
+    always = [columns[f"within {share}"].count("100 %") for share in ("1e-6", "0.1 %")]
+    shares = "{} of {} come within 1e-6 in every one of 50 runs, and {} within 0.1 %"
+    assert shares.format(always[0], len(body), always[1]) in text
+    groups = {row[0].strip("*"): row[heading.index("group")] for row in body}
+    assert f"Thirteen form the first of {columns['group'][-1]} groups" in text
+    assert columns["group"].count("1") == 13
+    assert groups["cmaes"] == groups["de"] == "1"
+    assert "`pso` is in the {pso}th, `ssa` and `issa` are in the {ssa}th".format(**groups) in text
+    assert groups["ssa"] == groups["issa"]
 
 
 def medians(cells: list[str]) -> list[float]:
