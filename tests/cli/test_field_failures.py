@@ -658,7 +658,7 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
         ("minimum_time", "in this tool; the nearest is least_times,"),
         ("per_section_minimum_duration", "in this tool; the nearest is least_times,"),
         ("desired_duration", "a speed is not asked for"),
-        ("intermediate_positions", "rows of waypoints, in order, with both ends"),
+        ("intermediate_positions", "start, goal and the points between them are rows of waypoints"),
         ("per_section_max_velocity", "limits of one segment"),
         (
             "sd_start",
