@@ -20,10 +20,10 @@ from trajopt.core.arrays import Array, Bools, Indices
 Point = tuple[Array, Array]  # segment times, inner velocities
 
 STEPS = 24
-SLOW = 0.1  # share of the excess that is left after a step towards a simple zero, at most
-ROUNDING = 2e-16  # a smaller excess over the limits, relative
+SLOW = 0.1  # after a step that leaves more of the excess than this, a longer one is tried too
+ROUNDING = 2e-16  # a smaller excess over a limit, relative to it, is rounding
 _WIDER = 1e-6  # share by which limits are wider, for the derivatives by them
-_LEAST_UNIT = 1e-12  # of a row, relative to the largest
+_LEAST_UNIT = 1e-12  # least derivative by the dilation, relative to the largest
 # Weights, beside the duration: of the largest excess over a limit, and of each change.
 _EXCESS_WEIGHT = 1e7
 _CHANGE_WEIGHT = 1e-4
@@ -38,7 +38,7 @@ class _CellRows(NamedTuple):
     """Inequalities `values ≥ 0` with their derivatives, `(rows,)` each.
 
     Attributes:
-        values: a negative one is the least dilation, less 1, with which the inequality holds.
+        values: where one is negative, a dilation by 1 minus it makes the inequality hold.
         segment: index of the row's segment.
         joint: index of its joint.
         by_log: derivatives by the logarithm of the segment's time.
@@ -61,7 +61,7 @@ class _CellRows(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """Return the largest excess over a limit, at least that of rounding."""
+        """Return the largest excess over a limit, relative to it; `ROUNDING` if it is less."""
         return max(-float(self.values.min()), ROUNDING)
 
 
@@ -84,7 +84,7 @@ def sharpened(scaled: Scaled, times: Array, velocities: Array) -> Point:
             break
         before = rows.excess
         tried = []
-        # where a row's zero is a double one, a step goes half the way
+        # where an inequality touches 0 without crossing it, a step goes half the way
         for factor in (1, 2):
             own = _moved(best, step, factor, limits)
             tried.append((own, _rows(scaled, *own)))

@@ -30,8 +30,9 @@ from trajopt.core.arrays import Bools
 _WIDEST = 0.015
 _FACTORS = np.append([0.97, 0.9, 0.8, 0.7], 0.5 ** np.arange(1, 35))
 _LEAST = 1e-12
-_MOST_SPARE = 0.9
 _ROUNDS = 100
+# The share of what is left to rounding that a start may use where none is inside all limits.
+_MOST_SPARE = 0.9
 _CENTRING_STEPS = 8
 # Complementarity gap of a centred guess, relative to its duration: in proportion to the share, but
 # not so large that the guess leaves its interval of time.
@@ -40,7 +41,7 @@ _MOST_GAP = 0.3
 
 
 class NarrowStart(JerkStart):
-    """A start whose barrier became as small as its room: an optimum, to 1e-9 of its duration."""
+    """A start that limits narrowed to: an optimum, to 200 times the share that was left of them."""
 
 
 class _WiderTables(JerkTables):
@@ -79,9 +80,8 @@ def inside(scaled: Scaled, starts: Iterable[JerkStart], spare: float) -> list[Je
 
     Args:
         scaled: A problem that begins or ends in motion.
-        starts: Inside limits that are wider by 1 %.
-        spare: The share by which the limits are tighter for rounding. A narrow start may use most
-            of it.
+        starts: Found within limits that are wider by 1 %; some may be outside.
+        spare: The share by which the limits are tighter for rounding.
     """
     with np.errstate(all="ignore"):
         found = [_narrowed(scaled, start, _MOST_SPARE * spare) for start in starts]
