@@ -41,6 +41,7 @@ from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
 from trajopt.formats.motion import Motion
 from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
+from trajopt.judging.ends import states
 from trajopt.judging.evidence import DEFAULT_WINDOW_S, Evidence
 from trajopt.judging.evidence import passing as through
 from trajopt.judging.passing import waypoint_times
@@ -417,7 +418,7 @@ def as_executed(
     _warn_of_units(problem, motion.trajectory(times))
     unjudged = () if accelerations else ("acceleration",)
     if not at_rest and not ends:
-        moving = replace(problem, demands=_own_ends(own, limits))
+        moving = replace(problem, demands=states(own, limits))
         certificate = verify(moving, own, unjudged=unjudged)
         if certificate.valid:
             found = Execution(motion, moving, certificate, evidence=told)
@@ -425,18 +426,6 @@ def as_executed(
     certificate = verify(problem, own, unjudged=unjudged, at_rest=at_rest)
     found = Execution(motion, problem, certificate, evidence=told)
     return replace(found, evidence=_confirmed(found, valid=certificate.valid))
-
-
-def _own_ends(motion: Trajectory, limits: Limits) -> dict[str, Array]:
-    """Return the states at a motion's ends, within the limits; accelerations where jerk counts."""
-    bounds = {"velocity": limits.velocity}
-    if np.isfinite(limits.jerk).any():
-        bounds["acceleration"] = limits.acceleration
-    return {
-        f"{end}_{rate}": np.clip(motion(time, order), *pairs.T)
-        for end, time in (("start", 0.0), ("end", motion.duration))
-        for order, (rate, pairs) in enumerate(bounds.items(), start=1)
-    }
 
 
 def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:

@@ -7,5 +7,7 @@ In reading order:
 - `verification`: `verify`, which judges the repaired motion, and its `Certificate`;
 - `smoothness`: ∫ jerk² and ∫ acceleration² of a motion;
 - `passing`: the times at which a motion passes waypoints;
+- `ends`: the states at the ends of a motion, and how long it stands there;
+- `turns`: whole turns of continuous joints;
 - `evidence`: the verdict on a log of samples, from `log_joint`, `tube` and `tube_proof`.
 """
