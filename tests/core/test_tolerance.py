@@ -73,6 +73,36 @@ def test_one_instant_may_pass_two_waypoints():
     assert np.diff(Exact().solve(apart).trajectory.waypoint_times)[1] >= 0.5 * (1 - 1e-12)
 
 
+@pytest.mark.parametrize("ulps", [-1, 0, 1, 3])
+def test_boxes_that_miss_each_other_by_rounding_touch(ulps):
+    """Boxes down to 0.85 and up to 0.85 ask nothing of the way from 0 to 2: 3 s."""
+    second = 0.7 - ulps * np.spacing(0.7)
+    problem = Problem([[0.0], [1.0], [second], [2.0]], Limits([1.0], [1.0]), tolerance=0.15)
+    assert duration(problem) == pytest.approx(3.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-17, -1e-16])
+def test_waypoints_of_one_instant_are_one_place(off):
+    """A motion passes two boxes at one time, at a corner of both, to its rounding."""
+    limits = Limits([1.0, 1.0], [1.0, 1.0])
+    straight = Exact().solve(Problem([[0.0, 0.0], [2.0, 2.0]], limits)).trajectory
+    at = straight(straight.duration / 2)
+    waypoints = np.array([[0.0, 0.0], at + [0.1, -0.1 + off], at + [-0.1 - off, 0.1], [2.0, 2.0]])
+    problem = Problem(waypoints, limits, tolerance=[[0, 0], [0.1, 0.1], [0.1, 0.1], [0, 0]])
+    half, whole = straight.duration / 2, straight.duration
+    certificate = verify(problem, replace(straight, waypoint_times=[0.0, half, half, whole]))
+    assert certificate.certified_duration == pytest.approx(3.0, rel=1e-12)
+
+
+def test_boxes_that_are_apart_are_not_passed_at_one_instant():
+    limits = Limits([1.0], [1.0])
+    straight = Exact().solve(Problem([[0.0], [2.0]], limits)).trajectory
+    half, whole = straight.duration / 2, straight.duration
+    problem = Problem([[0.0], [1.1], [0.9], [2.0]], limits, tolerance=0.0999)
+    certificate = verify(problem, replace(straight, waypoint_times=[0.0, half, half, whole]))
+    assert not certificate.valid
+
+
 def test_a_miss_counts_from_the_side_of_the_box():
     problem = Problem([[0.0], [1.0], [0.0]], Limits([1.0], [2.0]), tolerance=0.15)
     near = Problem([[0.0], [0.8], [0.0]], Limits([1.0], [2.0]))

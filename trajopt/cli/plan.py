@@ -249,6 +249,10 @@ def print_worst(certificate: Certificate, problem: Problem) -> None:
         value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
         table.row(name, value, _short_label(problem, worst.joint), f"{worst.time:.6f}")
     console.OUT.print(table)
+    if certificate.rounded is not None:
+        console.paragraph(
+            f"Kept as returned: it misses a state by {certificate.rounded:.1g} of its rounding."
+        )
 
 
 def _short_label(problem: Problem, joint: int) -> str:

@@ -63,9 +63,26 @@ def within_tolerance(problem: Problem, trajectory: Trajectory) -> Problem:
     passed = trajectory(trajectory.waypoint_times)
     r = problem.demands["tolerance"]
     low, high = problem.limits.position.T
-    inside = np.clip(passed, problem.waypoints - r, problem.waypoints + r)
+    inside = _at_one_instant(problem, trajectory.waypoint_times, passed)
     moved = np.where(r > 0, np.clip(inside, low, high), problem.waypoints)
     return replace(problem.without("tolerance"), waypoints=moved)
+
+
+def _at_one_instant(problem: Problem, times: Array, passed: Array) -> Array:
+    """Return the nearest places in the boxes, one place for waypoints that are passed at one time.
+
+    Such waypoints are one waypoint, in the intersection of their boxes. Boxes that miss each other
+    by the rounding of their coordinates touch. Boxes that do not meet have a place each.
+    """
+    r = problem.demands["tolerance"]
+    lowest, highest = problem.waypoints - r, problem.waypoints + r
+    inside = np.clip(passed, lowest, highest)
+    (begins,) = np.nonzero(np.diff(times, prepend=-np.inf) > 0)
+    for own in map(slice, begins, [*begins[1:], len(times)]):
+        low, high = lowest[own].max(axis=0), highest[own].min(axis=0)
+        if own.stop - own.start > 1 and (low <= high + problem.rounding).all():
+            inside[own] = np.clip(passed[own][0], low, np.maximum(low, high))
+    return inside
 
 
 def waypoint_times(

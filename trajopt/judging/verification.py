@@ -20,6 +20,7 @@ from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, 
 from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.limits.limit import where
 from trajopt.core.problem import Problem, check_problem
+from trajopt.core.rounding import of_states
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.passing import within_tolerance
 from trajopt.judging.repair import repaired
@@ -104,6 +105,7 @@ class Certificate:
     flaws: tuple[str, ...]
     tolerance: Tolerance
     least_times: Use | None = None
+    rounded: float | None = field(default=None, compare=False)
     motion: Trajectory | None = field(default=None, compare=False)
 
     @property
@@ -341,8 +343,14 @@ def _judged(
         flaws.append("its peaks are not finite numbers")
     if "given_times" in problem.demands and at_rest:
         flaws += _other_times(problem, trajectory, begins)
+    rounded = None
     if not problem.route.dilatable and at_rest and not flaws:
-        if dilation <= 1 + KEPT_RTOL:
+        if dilation > 1 + KEPT_RTOL:
+            rounded = _missed_as_returned(problem, trajectory, unjudged)
+        if rounded is not None:
+            judged = trajectory
+            uses = {key: problem.limits.worst(key, judged) for key in uses}
+        if dilation <= 1 + KEPT_RTOL or rounded is not None:
             dilation = 1.0
         else:
             from trajopt.judging.slower import slower  # late: it needs parts of SciPy
@@ -363,8 +371,42 @@ def _judged(
         flaws=tuple(flaws),
         tolerance=tolerance,
         least_times=least,
+        rounded=rounded,
     )
     return certificate, judged
+
+
+def _missed_as_returned(
+    problem: Problem, trajectory: Trajectory, unjudged: Collection[str]
+) -> float | None:
+    """Return by how many roundings a motion misses a place or a state, if it needs no repair.
+
+    The states of a problem are known to their rounding (`trajopt.core.rounding`). A motion that
+    misses them by no more, and keeps every limit, is a motion of the problem. A repair moves it
+    onto the numbers as they are written; a segment that is possible at one instant alone then
+    exceeds a limit. Jumps within the motion are added up, so that many pieces gain nothing.
+
+    Returns:
+        The largest miss over its rounding, at most 1; None where the motion misses by more, or
+        exceeds a limit by more than rounding.
+    """
+    known = of_states(problem)
+    for key, limit in problem.limits.kinds.items():
+        if key in unjudged:
+            continue
+        use = problem.limits.worst(key, trajectory)
+        if limit.flaw(use, known.position, problem) or not limit.dilation(use) <= 1 + KEPT_RTOL:
+            return None
+    least = _least_times(problem, trajectory)
+    if least is not None and not least.value <= 1 + KEPT_RTOL:
+        return None
+    missed = np.abs(trajectory(trajectory.waypoint_times) - problem.waypoints) / known.position
+    worst = float(missed.max())
+    smooth = problem.limits.smooth
+    for order, rounding in enumerate(known):
+        jumps = _jumps(problem, trajectory, order, at_rest=True) / rounding
+        worst = max(worst, float(jumps.sum(axis=0)[order <= smooth].max(initial=0.0)))
+    return worst if worst <= 1 else None
 
 
 def keeping(
@@ -471,6 +513,7 @@ def _judged_in_parts(
         flaws=tuple(flaws),
         tolerance=tolerance,
         least_times=max(least, key=lambda use: use.value, default=None),
+        rounded=max((own.rounded for own in found if own.rounded is not None), default=None),
     )
     return certificate, motion
 
@@ -561,6 +604,12 @@ def _worst_jump(
     If `at_rest`, the robot is at its first and last waypoint before and after the motion, in the
     states that the route demands. A closed motion is continued by itself.
     """
+    jumps = _jumps(problem, trajectory, order, at_rest)
+    return _worst_of(jumps, allowed, trajectory.breaks, order)
+
+
+def _jumps(problem: Problem, trajectory: Trajectory, order: int, at_rest: bool) -> Array:
+    """Return the jumps of a derivative at the breaks, `(breaks, joints)`; see `_worst_jump`."""
     unit = trajectory.pieces(order)
     route = problem.route
     still = problem.waypoints[[0, -1]]
@@ -574,8 +623,7 @@ def _worst_jump(
         still = np.vstack([starts[:1], stops[-1:]])
     before = np.vstack([still[:1], stops])
     after = np.vstack([starts, still[1:]])
-    jumps = np.abs(after - before)
-    return _worst_of(jumps, allowed, trajectory.breaks, order)
+    return np.abs(after - before)
 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:

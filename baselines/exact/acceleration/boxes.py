@@ -93,7 +93,9 @@ def _box(problem: Problem) -> tuple[Array, Array]:
 def _overlapping(problem: Problem) -> Bools:
     """Return which segments may take no time, `(segments,)`."""
     low, high = _box(problem)
-    overlaps = np.maximum(low[:-1], low[1:]) <= np.minimum(high[:-1], high[1:])
+    # boxes that miss each other by the rounding of their coordinates touch
+    touching = np.minimum(high[:-1], high[1:]) + problem.rounding
+    overlaps = np.maximum(low[:-1], low[1:]) <= touching
     times = problem.route.demand("least_times") + problem.route.demand("given_times")
     return np.asarray(overlaps.all(axis=1) & (times == 0))
 
@@ -105,7 +107,7 @@ def _chain(problem: Problem, pairs: Indices) -> Bools:
     least, most = low[0], high[0]
     for k in range(problem.segments):
         both = np.maximum(least, low[k + 1]), np.minimum(most, high[k + 1])
-        found[k] = k in pairs and bool((both[0] <= both[1]).all())
+        found[k] = k in pairs and bool((both[0] <= both[1] + problem.rounding).all())
         least, most = both if found[k] else (low[k + 1], high[k + 1])
     return found
 
@@ -118,7 +120,7 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
     low = np.maximum.reduceat(low, first)
     high = np.minimum.reduceat(high, first)
     route = problem.route.at(np.diff(index, prepend=-1) > 0)
-    demands = {**route.demands, "tolerance": (high - low) / 2}
+    demands = {**route.demands, "tolerance": np.maximum(high - low, 0.0) / 2}
     limits = problem.limits.of_segments(np.flatnonzero(~joined))
     try:
         own = replace(problem, waypoints=(low + high) / 2, demands=demands, limits=limits)

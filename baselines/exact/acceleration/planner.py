@@ -110,6 +110,8 @@ class Exact(SeveralStarts):
             passing: Further limits at the waypoints, in the form that `Scaled` takes.
             patient: Whether more initial guesses are tried where all have failed.
         """
+        if (short := self.in_one_piece(problem)) is not None:
+            return short
         scaled = Passing(problem, passing)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 

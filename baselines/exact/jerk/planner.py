@@ -120,6 +120,8 @@ class ExactJerk(SeveralStarts):
         """
         if problem.route.at_rest:
             return self._from_starts(problem, left_out, passing, patient)
+        if (short := self.in_one_piece(problem)) is not None:
+            return short
         # where only the time is free no descent needs room inside the limits
         spares = gaps.SPARES if len(problem.waypoints) > 2 else (0.0, *gaps.SPARES)
         for spare in spares:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from baselines.exact.method import one_piece
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
@@ -16,6 +17,7 @@ from trajopt.core.demand import names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
+from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation
@@ -102,6 +104,11 @@ class SeveralStarts(Planner):
         a_start = a_cell * cells(problem)
         announce(planner, problem, min(self.starts, self.agreeing) * a_start)
 
+    def in_one_piece(self, problem: Problem) -> Solution | None:
+        """Return the answer of one piece to a segment in motion, if there is one."""
+        motion = one_piece.motion(problem.without(*self.unknown(problem)))
+        return None if motion is None else self.answered(problem, motion)
+
     def best_of(
         self,
         scaled: Reaching,
@@ -128,17 +135,23 @@ class SeveralStarts(Planner):
         if not np.isfinite(best.duration):
             message = no_start_succeeded(statuses)
             return Solution(Status.FAILED, message=message, stats=stats)
-        answer = scaled.trajectory(best.times, best.states)
-        given = scaled.problem.route.demand("given_times").sum()
+        return self.answered(scaled.problem, scaled.trajectory(best.times, best.states), stats)
+
+    def answered(
+        self, problem: Problem, answer: Trajectory, stats: Mapping[str, Any] = NOTHING
+    ) -> Solution:
+        """Return a motion as an answer to the whole problem."""
+        given = problem.route.demand("given_times").sum()
         if given and answer.duration > given * (1 + _GIVEN_RTOL):
             message = (
                 f"no motion found in the given {given:.6g} s; the fastest one found, with no "
                 f"segment faster than given, takes {answer.duration:.6g} s"
             )
             return Solution(Status.FAILED, message=message, stats=stats)
-        ignored = [KINDS[key].name() for key in self.unknown(scaled.problem)]
+        ignored = [KINDS[key].name() for key in self.unknown(problem)]
         if not ignored:
-            return Solution(Status.SOLVED, answer, stats=stats)
+            said = one_piece.rounded_away(problem, answer.duration)
+            return Solution(Status.SOLVED, answer, said, stats=stats)
         kinds = " and ".join(ignored)
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
         message = f"{kinds} limits are ignored: {best_known}"
