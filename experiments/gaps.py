@@ -62,7 +62,7 @@ def paired(row: Any) -> str:
 
 def cell(row: Any) -> str:
     """Median gap and worst, in percent; and how many answers there are, where some are missing."""
-    asked = row.trials - row.relaxed
+    asked = row.trials - row.bounds
     if not asked:
         return ""
     if not row.solved:

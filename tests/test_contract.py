@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import cycle
 
 import numpy as np
 import pytest
 
-from trajopt import Relation, Status, verify
+from trajopt import Limits, Problem, Relation, Solution, Status, verify
+from trajopt.benchmark.provenance import Code
 from trajopt.benchmark.suites.catalogue import load, problem_files
-from trajopt.benchmark.trial import Trial, trials_of
+from trajopt.benchmark.trial import Answers, Entrant, Trial, judged, trials_of
+from trajopt.core.demand import DEMANDS
+from trajopt.core.limits import KINDS
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import configured, entries, options
 from trajopt.planners.testing import check_planner
+from trajopt.views.results import Results
 
 # Options that mean less work: the contract does not depend on effort.
 _QUICK = {
@@ -35,6 +41,34 @@ _ONE_PATH = {
     "algorithm": "closed-form",
 }
 INSTALLED = [name for name, entry in entries().items() if entry.missing() is None]
+
+
+_FALLING = {"offset": [0.1], "deceleration": [2.0], "position": [[-1.0, 1.05]]}
+_WAYPOINTS = [[0.0], [0.4], [0.7], [1.0]]
+FALLING = Problem(_WAYPOINTS, Limits([2.0], [8.0], falling_velocity=_FALLING), "falling")
+JERKY = Problem(_WAYPOINTS, Limits([2.0], [8.0], [80.0], falling_velocity=_FALLING), "jerky")
+
+
+@dataclass(frozen=True)
+class Wrapped(Planner):
+    """Another planner that says `solved` to every motion, that it knows all, and a relation."""
+
+    inner: Planner
+    stated: Relation
+
+    knows = (*KINDS, *DEMANDS)
+
+    def options(self) -> dict[str, str]:
+        return {"stated": self.stated.name}
+
+    def relation(self, problem: Problem) -> Relation:
+        return self.stated
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        found = self.inner.solve(problem, seed=seed)
+        if found.trajectory is None:
+            return found
+        return Solution(Status.SOLVED, found.trajectory)
 
 
 def third_party(name: str) -> bool:
@@ -65,7 +99,7 @@ def test_keeps_the_public_contract(name: str) -> None:
 @pytest.mark.parametrize("name", INSTALLED)
 def test_every_problem_ends_in_a_verdict_that_holds(name: str, problem: str) -> None:
     t = trial(name, problem)
-    verdicts = [Status.SOLVED, Status.RELAXED, Status.UNSUPPORTED, Status.INVALID]
+    verdicts = [Status.SOLVED, Status.UNSUPPORTED, Status.INVALID]
     if third_party(name):
         verdicts.append(Status.FAILED)
     assert t.status in verdicts, t.message
@@ -96,10 +130,36 @@ def test_nothing_beats_the_exact_optimum(name: str, problem: str) -> None:
 def test_only_what_cannot_be_helped_is_invalid(name: str, problem: str) -> None:
     """A planner may leave position limits that it does not know; `prove:joint` has no motion."""
     t = trial(name, problem)
-    if t.status is Status.INVALID:
-        assert t.problem.has("position") or t.solution.trajectory is None
-    if t.status is Status.RELAXED:
-        assert t.relation is Relation.RELAXATION
+    if t.status is Status.INVALID and t.solution.trajectory is not None:
+        broken = {"position", *quick(name).unknown(t.problem)}
+        assert broken & set(t.problem.limits.kinds)
+
+
+@pytest.mark.parametrize("problem", ["six-axis", "position-limits", "jerk-limit"])
+@pytest.mark.parametrize("name", INSTALLED)
+def test_the_grade_of_a_motion_is_what_it_does_and_no_statement(name: str, problem: str) -> None:
+    own = trial(name, problem)
+    if own.solution.trajectory is None:
+        return
+    wrapped = Entrant("wrapped", "wrapped", {}, Code("", "", ""))
+    for status, relation in zip(Status, cycle(Relation), strict=False):
+        answers = Answers([replace(own.solution, status=status)], relation)
+        (other,) = judged(wrapped, own.problem, [0], answers, own.started)
+        for value in ("status", "certified_duration", "feasible", "dilation", "is_answered"):
+            assert getattr(other, value) == getattr(own, value), value
+
+
+@pytest.mark.parametrize("name", ["exact", "exact-jerk", "toppra", "ruckig-search", "spline"])
+@pytest.mark.parametrize("problem", [load("position-limits"), FALLING, JERKY], ids=str)
+def test_a_wrapped_planner_has_the_row_of_the_planner_itself(name: str, problem: Problem) -> None:
+    """Relations, known limits and statuses that are stated change no count and no median."""
+    planner = quick(name)
+    items = trials_of(planner, problem, [0], name)
+    for relation in Relation:
+        items += trials_of(Wrapped(planner, relation), problem, [0], f"as {relation.name}")
+    table = Results(items).planners().drop(columns=["time", "there"])
+    assert len(table) == 1 + len(Relation)
+    assert (table.nunique(dropna=False) == 1).all(), table.T
 
 
 @pytest.mark.parametrize("name", INSTALLED)

@@ -143,7 +143,7 @@ def test_new_keeps_what_only_a_built_in_arm_says(run):
     assert run("new franka seven.csv --robot franka-fr3")[0] == 0
     written = Problem.from_toml("franka.toml")
     assert len(written.limits.kinds["falling_velocity"].numbers) == 7
-    code, _, err = run("plan franka.toml --planner exact")
+    code, _, err = run("plan franka.toml --planner exact-jerk")
     assert (code, err) == (0, "")
     # An own file may take limits away: the arm's name would bring them back.
     own = "joint_limits:\n  fr3_joint1: {has_jerk_limits: false}\n"

@@ -283,7 +283,7 @@ def test_explain_answers_without_jerk_limits_where_a_planner_knows_none(run, tmp
     code, out, _ = run(f"explain jerky.toml --planner {planner} --json")
     found = json.loads(out)
     assert code == 1
-    assert found["status"] == {"toppra": "unsupported", "exact": "relaxed"}[planner]
+    assert found["status"] == {"toppra": "unsupported", "exact": "invalid"}[planner]
     assert found["without_jerk"]["certified_duration"] == pytest.approx(1.0, rel=1e-3)
     assert found["without_jerk"]["exact"] == pytest.approx(1.0, rel=1e-6)
     code, out, _ = run(f"explain jerky.toml --planner {planner}")

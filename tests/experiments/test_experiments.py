@@ -72,7 +72,7 @@ def test_gaps_of_different_problems_are_paired():
         {
             "trials": [3, 1, 2],
             "solved": [3, 0, 1],
-            "relaxed": [0, 0, 0],
+            "bounds": [0, 0, 0],
             "gap": [0.5, np.inf, 0.01],
             "worst": [0.75, np.nan, 0.02],
             "yardstick": ["stop"] * 3,

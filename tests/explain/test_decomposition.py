@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,12 @@ from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
-from trajopt import Limits, Problem, Trajectory, verify
+from trajopt import Limits, Problem, Solution, Status, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load as problem_of
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.decomposition import Explanation, explain, peaks
-from trajopt.explain.references import ReferenceAnswer, references
+from trajopt.explain.references import ReferenceAnswer, judged, references
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
@@ -134,7 +135,7 @@ def test_as_dict_has_the_keys_and_counts_joints_from_one() -> None:
 
 def test_references_are_those_that_know_the_limits() -> None:
     assert references(problem_of("six-axis")) == ["exact"]
-    assert references(problem_of("jerk-limit")) == ["exact", "exact-jerk"]
+    assert references(problem_of("jerk-limit")) == ["exact-jerk"]
     assert references(problem_of("position-limits")) == ["exact", "collocation-refined"]
 
 
@@ -179,3 +180,18 @@ def test_a_motion_in_motion_or_that_waits_has_a_timing_and_a_path(
     assert found.route_gap is not None
     assert found.gap is not None
     assert (1 + found.timing_gap) * (1 + found.route_gap) == approx(1 + found.gap)
+
+
+def test_a_broken_acceleration_limit_is_no_break_of_a_range_that_is_kept() -> None:
+    """TOPP-RA knows no ranges. A cubic of 1 rad in 1 s stays inside; its acceleration is 6."""
+    limits = Limits([10.0], [1.0], position=[[-1.0, 2.0]])
+    problem = Problem([[0.0], [1.0]], limits)
+    cubic = Trajectory([0, 1], np.reshape([-2.0, 3.0, 0.0, 0.0], (4, 1, 1)), [0, 1])
+    answer = judged(problem, load("toppra"), Solution(Status.SOLVED, cubic))
+    assert answer.duration == approx(np.sqrt(6), rel=1e-9)
+    narrow = replace(problem, limits=Limits([10.0], [99.0], position=[[-0.2, 2.0]]))
+    quartic = np.reshape([-16.0, 30.0, -13.0, 0.0, 0.0], (5, 1, 1))  # -0.48 rad at 0.35 s
+    beyond = Trajectory([0, 1], quartic, [0, 1])
+    answer = judged(narrow, load("toppra"), Solution(Status.SOLVED, beyond))
+    assert answer.trajectory is None
+    assert answer.reason == "it ignores position limits, and breaks them"

@@ -42,13 +42,13 @@ class Trial:
 
     `planner` is its name, `label` the name with the options that differ from the registered ones,
     or the name that a user gave to a planner that is not registered.
-    `status` and `message` are the verdict. It is the planner's own status with two exceptions:
-    `invalid` if the verifier finds a flaw, and `solved` if a relaxed answer keeps the ignored
-    limits. `setup_time` is the wall time, s, for what later calls need not repeat: importing what
-    the planner requires, and building what it keeps. `solve_time` is the rest. Of a batch of
-    `batch` runs solved together, each has its share. `asked` is the time at which a later
-    comparison kept it in place of trials of newer code. `differences` are the statements of a file
-    that the judge of this installation does not confirm.
+    `status` and `message` are the verdict. Of a motion it follows from the motion alone, whatever
+    its planner says: `solved` if the verifier certifies a duration, `invalid` if not. Without a
+    motion it is the planner's own status. `setup_time` is the wall time, s, for what later calls
+    need not repeat: importing what the planner requires, and building what it keeps. `solve_time`
+    is the rest. Of a batch of `batch` runs solved together, each has its share. `asked` is the time
+    at which a later comparison kept it in place of trials of newer code. `differences` are the
+    statements of a file that the judge of this installation does not confirm.
     """
 
     problem: Problem
@@ -153,14 +153,18 @@ class Trial:
 
     @property
     def relaxed_duration(self) -> float | None:
-        """The claimed duration of an answer that breaks limits which its planner ignores, s."""
-        return self.claimed_duration if self.status is Status.RELAXED else None
+        """The claimed duration of a relaxation's motion that breaks a limit, s; None elsewhere.
+
+        It bounds nothing that other planners do: it is the best known without the ignored limits.
+        """
+        if self.relation is not Relation.RELAXATION or self.certificate is None:
+            return None
+        return None if self.certificate.nearly_feasible else self.claimed_duration
 
     @property
     def is_answered(self) -> bool:
-        """True if there is a motion, one of a relaxation, or a lower bound."""
-        found = (self.certified_duration, self.relaxed_duration, self.lower_bound)
-        return any(value is not None for value in found)
+        """True if there is a certified motion, or a lower bound."""
+        return self.certified_duration is not None or self.lower_bound is not None
 
     @cached_property
     def certified_trajectory(self) -> Trajectory | None:
@@ -423,7 +427,11 @@ def copied(problem: Problem) -> Problem:
 
 
 def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certificate | None]:
-    """Return the verifier's verdict on a solution: status, message and certificate."""
+    """Return the verifier's verdict on a solution: status, message and certificate.
+
+    A motion is graded by what it does. Neither the planner's status, nor its relation, nor the
+    limits that it knows change the verdict on it.
+    """
     if solution.trajectory is None:
         if solution.status in (Status.SOLVED, Status.RELAXED):
             return Status.FAILED, f"reported {solution.status} without a trajectory", None
@@ -432,12 +440,11 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certific
         certificate = verify(problem, solution.trajectory)
     except InvalidTrajectory as error:
         return Status.INVALID, str(error), None
-    if solution.status is Status.RELAXED and certificate.valid and certificate.nearly_feasible:
-        return Status.SOLVED, "", certificate  # it keeps the ignored limits all the same
-    if certificate.valid or solution.status is not Status.SOLVED:
-        return solution.status, solution.message, certificate
-    flaws = "; ".join(certificate.flaws)
-    return Status.INVALID, "; ".join(filter(None, [solution.message, flaws])), certificate
+    if not certificate.valid:
+        flaws = "; ".join(certificate.flaws)
+        return Status.INVALID, "; ".join(filter(None, [solution.message, flaws])), certificate
+    kept_all_the_same = solution.status is Status.RELAXED and certificate.nearly_feasible
+    return Status.SOLVED, "" if kept_all_the_same else solution.message, certificate
 
 
 def load_required(modules: Sequence[str]) -> float:

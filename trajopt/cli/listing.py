@@ -65,8 +65,8 @@ def described(entry: Entry) -> dict[str, Any]:
     """Describe a planner: its name, one line, options, limits, demands, and what is missing.
 
     It keeps the limits that it `knows`, and the `demands` of the route. It leaves out limits that
-    it `ignores`; its answer is then relaxed. It does not solve problems with limits that it
-    `refuses`. It may break any other limit, which the verifier reports.
+    it `ignores`, and may break them. It does not solve problems with limits that it `refuses`. It
+    may break any other limit. The verifier reports every limit that is broken.
     """
     row: dict[str, Any] = {
         "name": entry.name,
@@ -163,7 +163,7 @@ def _limits_in_words(planner: dict[str, Any]) -> str:
         sentences.append(f"demands that it knows: {demands}")
     if planner["ignores"]:
         ignored = " and ".join(planner["ignores"])
-        sentences.append(f"ignores {ignored} limits, its answer is then `relaxed`")
+        sentences.append(f"ignores {ignored} limits, and may break them")
     if planner["refuses"]:
         sentences.append(f"refuses {' and '.join(planner['refuses'])} limits")
     return "; ".join(sentences)

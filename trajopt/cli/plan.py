@@ -99,7 +99,7 @@ def plan(
         for sentence in sentences(found) if found else _without_jerk(trial):
             console.paragraph(sentence)
     broken = _unmended(trial)
-    code = 0 if trial.is_answered and not (broken and not out_anyway) else 1
+    code = 0 if (out_anyway if broken else trial.is_answered) else 1
     written = _without(trial, broken)
     if target is not None and broken and not out_anyway and target.path.suffix != ".h5":
         kinds = " and ".join(KINDS[key].name() for key in broken)
@@ -199,7 +199,8 @@ def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
 def print_trial(trial: Trial, problem: str) -> None:
     """Print the verdict and the worst values; `problem` is the name or file that was asked for."""
     where = "" if problem == trial.problem.name else f" ({problem})"
-    console.headline(trial.label, f" on {trial.problem.name}{where}: ", trial.status)
+    grade = table_cells.grade(trial.status, feasible=trial.feasible, slower=trial.dilation)
+    console.headline(trial.label, f" on {trial.problem.name}{where}: ", grade)
     if trial.message:
         console.paragraph(console.last_line(trial.message))
     certified = trial.certified_trajectory

@@ -13,7 +13,7 @@ from trajopt.views.results import Results
 
 _MEANING = """\
 Problems: those that count for a planner. Not those that do not apply (n/a): it
-refuses them, or answers without some of the limits. Solved, failed: runs.
+refuses them, or proves a lower bound without a motion. Solved, failed: runs.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
 _PAIRED = "There: the gap of {} on the same problems. It tells how hard the problems of a line are."

@@ -20,7 +20,7 @@ class Status(StrEnum):
     """How a trial ended. Anything but `SOLVED` comes with a message that says why."""
 
     SOLVED = "solved"
-    RELAXED = "relaxed"  # without limits that the planner ignores; the motion may break those
+    RELAXED = "relaxed"  # a planner's word: some limits are left out. A trial never says it
     INFEASIBLE = "infeasible"  # proved: no trajectory exists
     FAILED = "failed"  # the solver gave up
     INVALID = "invalid"  # the verifier found what no dilation can mend

@@ -18,7 +18,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.renamed import RENAMED
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import certified, verify
+from trajopt.judging.verification import broken, certified, verify
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
@@ -75,9 +75,7 @@ BEST_KNOWN = "best-known"
 
 def references(problem: Problem) -> list[str]:
     """Return the planners whose shortest certified answer is a problem's best known optimum."""
-    names = [OPTIMUM]
-    if problem.has("jerk"):
-        names.append(OPTIMUM_WITH_JERK)
+    names = [OPTIMUM_WITH_JERK if problem.has("jerk") else OPTIMUM]
     if _has_position_dependent(problem):
         names.append(OPTIMUM_WITH_POSITION)
     return names
@@ -89,12 +87,7 @@ def best_planners(problem: Problem) -> list[str]:
     Planners that know fewer limits come first. They take less time, and if their answer keeps the
     other limits too, no faster motion is known.
     """
-    names = [OPTIMUM]
-    if problem.has("jerk"):
-        names = [OPTIMUM_WITH_JERK]
-    if _has_position_dependent(problem):
-        names.append(OPTIMUM_WITH_POSITION)
-    return [*names, THROUGH_WAYPOINTS]
+    return [*references(problem), THROUGH_WAYPOINTS]
 
 
 def _has_position_dependent(problem: Problem) -> bool:
@@ -155,7 +148,8 @@ def judged(problem: Problem, planner: Planner, solution: Solution) -> ReferenceA
     if solution.trajectory is None:
         return ReferenceAnswer(None, solution.message or str(solution.status))
     found = verify(problem, solution.trajectory)
-    unknown = [KINDS[key].name() for key in planner.unknown(problem)]
-    if unknown and found.valid and not found.nearly_feasible:
-        return ReferenceAnswer(None, f"it ignores {' and '.join(unknown)} limits, and breaks them")
+    unknown = planner.unknown(problem)
+    ignored = [KINDS[key].name() for key in broken(problem, found) if key in unknown]
+    if ignored:
+        return ReferenceAnswer(None, f"it ignores {' and '.join(ignored)} limits, and breaks them")
     return ReferenceAnswer(certified(problem, solution.trajectory), "; ".join(found.flaws))

@@ -224,6 +224,21 @@ def verify(
     return certificate
 
 
+def broken(problem: Problem, certificate: Certificate) -> list[str]:
+    """Return the kinds of limits that a judged motion breaks as claimed, by their keys.
+
+    An excess that is due to rounding and tolerances of solvers does not count.
+    """
+    allowed = _allowed(_counted(problem), certificate.duration, certificate.tolerance)
+    found = []
+    for key, use in certificate.uses.items():
+        limit = problem.limits.kinds[key]
+        within = limit.dilation(use) <= 1 + NEARLY_FEASIBLE_RTOL
+        if not within or limit.flaw(use, allowed.position_limit, problem):
+            found.append(key)
+    return found
+
+
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """Return the trajectory that has the certified duration; None where the given one has a flaw.
 

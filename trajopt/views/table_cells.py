@@ -74,6 +74,19 @@ def dilation(ratio: float) -> str:
     return f"× {ratio:.4f}" if ratio >= 1 + ROUNDING else MISSING
 
 
+def grade(status: str, *, feasible: bool | None, slower: float | None) -> str:
+    """Return a status in words: of a motion that breaks a limit, by how much it is slowed down.
+
+    Args:
+        status: Of a trial.
+        feasible: Whether the motion keeps every limit as claimed; None without a motion.
+        slower: The least dilation that mends it; None without a motion.
+    """
+    if status != "solved" or feasible or slower is None or dilation(slower) == MISSING:
+        return status
+    return f"{status}, slowed {dilation(slower)}"
+
+
 def kept(share: float, needed: float) -> str:
     """Return the share of runs that kept every limit; a word if all did up to rounding.
 

@@ -92,7 +92,7 @@ def test_failures_are_those_of_the_overview() -> None:
     items = [
         *run("mine", 2.0, -1, -1),
         *run("mine", -1, problem=OTHER),
-        *run("bound", -1, bound=1.0),
+        *run("prove", -1, bound=1.0),
         message(Status.UNSUPPORTED, "not for me"),
     ]
     results = Results(items)

@@ -29,16 +29,16 @@ def items() -> Sequence[Trial]:
         *run("mine", 3.0, 2.2, 2.4),
         *run("mine", 6.0, -1, -1, problem=OTHER),
         *as_runs([*run("picky", 2.5), refused(OTHER)], "picky"),
-        *run("bound", -1, bound=1.5),
+        *run("prove", -1, bound=1.5),
     ]
 
 
 def test_trials_are_counted_by_what_became_of_them(items: Sequence[Trial]) -> None:
     table = Results(items).planners()
-    counts = table[["problems", "trials", "solved", "relaxed", "failed", "unsupported"]]
+    counts = table[["problems", "trials", "solved", "bounds", "failed", "unsupported"]]
     assert counts.loc["mine"].tolist() == [2, 6, 4, 0, 2, 0]
     assert counts.loc["picky"].tolist() == [1, 1, 1, 0, 0, 1]
-    assert counts.loc["bound"].tolist() == [1, 1, 0, 1, 0, 0]
+    assert counts.loc["prove"].tolist() == [1, 1, 0, 1, 0, 0]
     assert counts.loc["exact"].tolist() == [2, 2, 2, 0, 0, 0]
 
 
@@ -79,7 +79,7 @@ def test_a_missing_answer_is_worse_than_any(items: Sequence[Trial]) -> None:
     # medians 2.4/2 - 1 = 0.2, and none where two of three runs failed: half have no answer
     assert table.loc["mine", "gap"] == np.inf
     assert table.loc["mine", "worst"] == pytest.approx(0.5)
-    assert np.isnan(table.loc["bound", "gap"])
+    assert np.isnan(table.loc["prove", "gap"])
     assert table.index[0] == "exact"
 
 

@@ -97,7 +97,7 @@ def test_without_a_certified_exact_answer_a_relaxed_one_is_the_reference_or_what
     assert row["gap"] == pytest.approx(1.0)
     assert row["kind"] == "relaxed"
     relaxed = results.summary().set_index("label").loc["exact"]
-    assert (relaxed["status"], relaxed["solved"]) == ("relaxed", 0)
+    assert (relaxed["status"], relaxed["solved"]) == ("invalid", 0)
     assert np.isnan(relaxed["lower_bound"])
     proved = Results([*items, *run("prove", -1.0, bound=2.0)])
     assert proved.references().iloc[0].tolist()[:3] == [2.0, "lower bound", 2.0]
@@ -276,14 +276,14 @@ def test_paired_knows_who_is_better_on_each_problem():
     assert row["chance"] == (0.5 + 1) / 2
 
 
-def test_a_relaxed_answer_is_no_slow_answer_and_has_no_rank():
-    """`exact` ignores a limit of the second problem: gap 0, but its mean rank was the last."""
+def test_a_motion_that_breaks_an_ignored_limit_is_ranked_as_any_that_breaks_one():
+    """`exact` is first on one problem and last of four on the other, where it breaks a limit."""
     relaxed = run("exact", -1.5, relation=Relation.RELAXATION, problem=OTHER)
     items = [*run("exact", 1.0), *relaxed]
     for name, duration in (("a", 2.0), ("b", 3.0), ("c", 4.0)):
         items += [*run(name, duration), *run(name, duration, problem=OTHER)]
     ranks = mean_ranks(competing(Results(items).trials()))
-    assert ranks.to_dict() == {"a": 1, "b": 2, "c": 3}
+    assert ranks.to_dict() == {"a": 1.5, "b": 2.5, "exact": 2.5, "c": 3.5}
 
 
 def test_between_seeds_is_of_one_problem():

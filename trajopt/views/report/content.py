@@ -188,12 +188,12 @@ class Page:
 
     @cached_property
     def failures(self) -> list[dict[str, Any]]:
-        return lines.reasons(self.results.items, apply=True)
+        return lines.reasons(self.results, apply=True)
 
     @cached_property
     def not_applicable(self) -> list[dict[str, Any]]:
-        """Return why planners do not compete on problems: refusals, and ignored limits."""
-        return lines.reasons(self.results.items, apply=False)
+        """Return why planners do not compete on problems: refusals, and proofs without a motion."""
+        return lines.reasons(self.results, apply=False)
 
     @cached_property
     def planners(self) -> list[dict[str, Any]]:

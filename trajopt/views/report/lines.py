@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.failures import Failure, grouped, last_line
+from trajopt.views.analysis.overview import competing
+from trajopt.views.analysis.results import Tables
 
 COLUMNS = {  # headings, with units, of the table of problems and planners
     "solved": "solved",
@@ -26,7 +26,6 @@ COLUMNS = {  # headings, with units, of the table of problems and planners
     "solve_time": "time (s)",
 }
 _OF_A_PLANNER = ("problems", "not_applicable", "gap", "worst", "rank", "time")
-NOT_APPLICABLE = (Status.UNSUPPORTED, Status.RELAXED)
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
 REASON_LENGTH = 500
 
@@ -51,18 +50,21 @@ def of_row(row: Any) -> dict[str, NumberCell]:
     return found
 
 
-def reasons(trials: Sequence[Trial], *, apply: bool) -> list[dict[str, Any]]:
+def reasons(results: Tables, *, apply: bool) -> list[dict[str, Any]]:
     """Group the trials that are not solved by planner, status and kind of reason.
 
     The most frequent come first.
 
     Args:
-        trials: All of the page.
-        apply: True for those that failed; false for those of planners that refuse the problem, or
-            answer it without some of the limits.
+        results: All of the page.
+        apply: True for those that failed; false for those that do not compete (`competing`).
     """
-    unsolved = (trial for trial in trials if trial.status is not Status.SOLVED)
-    wanted = [trial for trial in unsolved if (trial.status in NOT_APPLICABLE) is not apply]
+    competes = set(competing(results.trials()).index)
+    wanted = [
+        trial
+        for row, trial in enumerate(results.items)
+        if trial.status is not Status.SOLVED and (row in competes) is apply
+    ]
     return [_failure(own) for own in grouped(wanted)]
 
 
