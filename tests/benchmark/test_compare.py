@@ -99,6 +99,10 @@ class Mine(Planner):
                 return solution(problem, history=np.zeros(3))
             case "stats":
                 return solution(problem, stats={"x": object()})
+            case "bound":
+                return solution(problem, lower_bound=10**400)
+            case "digits":
+                return solution(problem, stats={"x": 10**400})
             case "nothing":
                 return Solution(Status.SOLVED)
             case "joints":
@@ -134,6 +138,8 @@ EXPECTED = {
     "status": (Status.CRASHED, "'splendid'"),
     "history": (Status.CRASHED, "history"),
     "stats": (Status.CRASHED, "Error"),
+    "bound": (Status.CRASHED, "Solution.lower_bound cannot be 1000"),
+    "digits": (Status.CRASHED, "a result cannot hold 1000"),
     "nothing": (Status.FAILED, "without a trajectory"),
     "joints": (Status.INVALID, "2 joints; the problem has 1"),
     "astray": (Status.INVALID, "misses the waypoint"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from trials import PROBLEM, Stopping, solved
 
-from trajopt import Problem, Relation, Solution, Status
+from trajopt import InvalidInput, Problem, Relation, Solution, Status
 from trajopt.benchmark.trial import Answers, Configuration, judged, trials_of
 
 
@@ -99,3 +99,10 @@ def test_times_are_those_that_passed_whatever_a_planner_states(stated, setup, so
     trials = judged(entrant, PROBLEM, range(4), answers, "2026-01-01T00:00:00+00:00")
     assert [(trial.setup_time, trial.solve_time) for trial in trials] == [(setup, solve)] * 4
     assert [trial.batch for trial in trials] == [4] * 4
+
+
+def test_a_planner_s_name_and_options_have_bounds():
+    with pytest.raises(InvalidInput, match=r"planner is .*expected a name of at most 200"):
+        Configuration.of(Stopping(), "x" * 201)
+    with pytest.raises(InvalidInput, match="options that are said in at most 2000 characters"):
+        Configuration.of(Stopping(note="y" * 3000), "x")

@@ -658,6 +658,18 @@ def test_export_names_a_damaged_trial_file_in_one_line(compared, trajopt, tmp_pa
     assert re.fullmatch(r"trajopt: warning: .*\.json: damaged.*\n", err)
 
 
+def test_export_of_damaged_trials_alone_is_a_table_without_rows(trajopt, tmp_path):
+    (tmp_path / "trials").mkdir()
+    (tmp_path / "trials" / f"{0:020x}.json").write_text("{")
+    code, out, err = trajopt("export", tmp_path, "--to csv")
+    assert (code, out) == (0, f"exported: {tmp_path / 'trials.csv'} (0 trials)\n")
+    assert re.fullmatch(r"trajopt: warning: .*0000\.json: damaged.*\n", err)
+    assert len(pd.read_csv(tmp_path / "trials.csv")) == 0
+    code, _, err = trajopt("export", tmp_path, "--to latex")
+    assert code == 2
+    assert "expected at least one trial" in err
+
+
 def test_verify_of_a_damaged_file_exits_2(compared, trajopt, tmp_path):
     data = (compared[0] / "results.h5").read_bytes()
     (tmp_path / "cut.h5").write_bytes(data[: len(data) // 2])

@@ -721,3 +721,12 @@ def test_names_of_joints_belong_to_the_problem_but_not_to_its_digest():
     for wrong in (["a"], ["a", "a"], ["a", ""], ["a", 3], ["a", "b\n"]):
         with pytest.raises(InvalidInput, match="joint_names"):
             Problem([[0, 0], [1, 1]], limits, joint_names=wrong)
+
+
+def test_a_name_has_at_most_200_characters():
+    limits = Limits([1.0], [1.0])
+    assert Problem([[0.0], [1.0]], limits, "x" * 200, joint_names=["j" * 200]).name == "x" * 200
+    with pytest.raises(InvalidInput, match=r"name is 'xxx.*…': expected a name of at most 200"):
+        Problem([[0.0], [1.0]], limits, "x" * 201)
+    with pytest.raises(InvalidInput, match=r"joint_names, joint 1.*: expected a name of"):
+        Problem([[0.0], [1.0]], limits, joint_names=["j" * 3_000_000])

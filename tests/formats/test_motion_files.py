@@ -137,7 +137,7 @@ def test_polynomials_may_say_the_lengths_that_breaks_round(tmp_path):
         ({"breaks": [], "coefficients": []}, "is '(0,) and (0,)': expected"),
         ({"breaks": "x", "coefficients": None}, "breaks is 'x': expected breaks"),
         ({"breaks": [0, 1], "coefficients": [[["1"]]]}, "coefficients is [[['1']]]"),
-        ({"breaks": [0, 10**390], "coefficients": [[[1]]]}, "breaks is [0, 10000"),
+        ({"breaks": [0, 10**390], "coefficients": [[[1]]]}, "has more than 19 digits"),
         ({"breaks": [0, float("nan")], "coefficients": [[[1]]]}, "NaN is no number of JSON"),
         ({"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": 3}, "joint_names is 3"),
         ({"breaks": [0, 1], "coefficients": [[[1]]], "unit": "deg"}, "unit is 'deg': expected"),

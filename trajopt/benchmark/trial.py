@@ -22,10 +22,19 @@ import numpy as np
 
 from trajopt.benchmark.provenance import Code, code_of, plain, provenance
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, MissingBackend, shown
+from trajopt.core.exceptions import (
+    InvalidInput,
+    InvalidTrajectory,
+    MissingBackend,
+    shortened,
+    shown,
+)
+from trajopt.core.files import MAX_NAME
 from trajopt.core.harmless import harmless
+from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
+from trajopt.core.tables import check_length
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.smoothness import Smoothness, of_certified
 from trajopt.judging.verification import Certificate, certified, verify
@@ -33,6 +42,7 @@ from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
 
 DEGREE_MAX = 100  # largest polynomial degree; the memory for roots grows with its square
+MAX_LABEL = 10 * MAX_NAME  # characters of a planner's name with its options
 OUT_OF_MEMORY = "out of memory"  # the message of a trial with too little memory
 
 
@@ -255,11 +265,15 @@ class Configuration:
         own = adapted(planner)
         check_visible(own)
         name = harmless(name or type(own).__name__, lines=False)
+        check_length("planner", name)
         options = {
             key: plain(value, f"planner {name}, option {key}")
             for key, value in own.options().items()
         }
         shown = harmless(shown or label(name, own), lines=False)
+        if len(shown) > MAX_LABEL:
+            right = f"options that are said in at most {MAX_LABEL} characters"
+            raise InvalidInput("planner", right, value=shortened(shown, 60))
         return cls(own, Entrant(name, shown, options, code_of(own)))
 
     @classmethod
@@ -500,11 +514,14 @@ def well_formed(answer: Any) -> Solution:
     if answer.trajectory is not None and len(answer.trajectory.coefficients) > DEGREE_MAX + 1:
         degree = len(answer.trajectory.coefficients) - 1
         return crash(f"Solution.trajectory is of degree {degree}, expected at most {DEGREE_MAX}")
-    if not 0 <= answer.setup_time < np.inf:
-        return crash(f"Solution.setup_time cannot be {answer.setup_time!r:.200}")
+    if not is_number(answer.setup_time) or answer.setup_time < 0:
+        return crash(f"Solution.setup_time cannot be {_in_a_line(answer.setup_time)}")
+    bound = answer.lower_bound
+    if bound is not None and not is_number(bound):
+        return crash(f"Solution.lower_bound cannot be {_in_a_line(bound)}")
     evaluations = answer.evaluations
     if evaluations is not None and not 0 <= evaluations <= _MOST_EVALUATIONS:
-        return crash(f"Solution.evaluations cannot be {evaluations!r:.200}")
+        return crash(f"Solution.evaluations cannot be {_in_a_line(evaluations)}")
     if answer.history is not None and answer.history.shape[1:] != (2,):
         return crash(f"Solution.history must be (m, 2), got {answer.history.shape}")
     return answer

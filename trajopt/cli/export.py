@@ -49,6 +49,8 @@ def export(
         raise InvalidInput(other, f"{right}, since --to is {to}", value=str(wrong))
     with kinds.reading(folder, "results"):
         results = Results(folder)
+    if to in _FOLDERS and not results.items:
+        raise InvalidInput(str(folder), "at least one trial, for tables and figures of trials")
     path = out or output or beside(folder, _NAMES[to])
     rival = "" if against is None else _rival(results, against, to)
     if to == "csv":

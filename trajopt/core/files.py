@@ -3,7 +3,8 @@
 Every reader takes its text from this module. Only regular files are read: a pipe or a device may
 have no end. A file of any format has at most `MAX_BYTES` bytes,
 `MAX_VALUES` values or lines, words of `MAX_WORD` characters (a number of 60,000 digits takes
-minutes to read), and tables nested `MAX_DEPTH` deep.
+minutes to read), and tables nested `MAX_DEPTH` deep. A whole number in JSON has at most
+`MAX_DIGITS` digits, any other number is finite, and a name has at most `MAX_NAME` characters.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import codecs
 import errno
 import json as standard_json
+import math
 import re
 import stat
 import tomllib
@@ -26,6 +28,8 @@ MAX_TOML_BYTES = 2_000_000  # its parser takes a second for each million
 MAX_VALUES = 2_000_000
 MAX_WORD = 400  # characters; a float written in full has 327
 MAX_DEPTH = 40
+MAX_DIGITS = 19  # every integer of 64 bits has no more
+MAX_NAME = 200  # characters of the name of a problem, a joint or a planner
 TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"
 
 _SIMILAR = 0.6  # share of letters that two names have in common, at least
@@ -114,7 +118,7 @@ def json(path: Path, what: str) -> Any:
     found = text(path, what, "JSON")
     try:
         return parsed_json(found)
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise unreadable(path, what, "JSON", error) from None
 
 
@@ -122,18 +126,20 @@ def parsed_json(said: str) -> Any:
     """Parse a JSON text.
 
     Raises:
-        ValueError, RecursionError: It is not JSON, has a key twice, NaN or infinity, or exceeds a
-            bound.
+        ValueError: It is not JSON, has a key twice, NaN or infinity, or exceeds a bound.
     """
     check_bounds(said)
-    found = strict_json(said)
-    _check_depth(found)
-    return found
+    return strict_json(said)
 
 
 def strict_json(said: str) -> Any:
     """Parse a JSON text of any size; raises as `parsed_json` does."""
-    return standard_json.loads(said, object_pairs_hook=_once, parse_constant=_no_number)
+    try:
+        found = _DECODER.decode(said)
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    _check_depth(found)
+    return found
 
 
 def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[str, Any]:
@@ -164,6 +170,24 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _no_number(constant: str) -> Any:
     raise ValueError(f"{constant} is no number of JSON")
+
+
+def _whole(digits: str) -> int:
+    if len(digits.lstrip("-")) > MAX_DIGITS:
+        raise ValueError(f"{shortened(digits, 60)} has more than {MAX_DIGITS} digits")
+    return int(digits)
+
+
+def _finite(digits: str) -> float:
+    number = float(digits)
+    if math.isinf(number):
+        raise ValueError(f"{shortened(digits, 60)} is too large for a number")
+    return number
+
+
+_DECODER = standard_json.JSONDecoder(
+    object_pairs_hook=_once, parse_constant=_no_number, parse_int=_whole, parse_float=_finite
+)
 
 
 def _check_depth(value: Any) -> None:

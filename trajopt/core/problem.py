@@ -18,7 +18,7 @@ from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.limits import Limits
 from trajopt.core.out_of_scope import out_of_scope
 from trajopt.core.route import NOTHING, Route
-from trajopt.core.tables import check_joint_names
+from trajopt.core.tables import check_joint_names, check_length
 
 _PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
 
@@ -75,6 +75,7 @@ class Problem:
             right = f"{self.segments} segments, as the waypoints have"
             name = next(key for key, own in limits.kinds.items() if own.segments)
             raise InvalidInput(f"limits.{name}", right, value=limits.segments)
+        check_length("name", name)
         _check_joint_units(self.joint_units, self.joints)
         self._check_waypoints()
         for key, numbers in route.demands.items():

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, shortened
+from trajopt.core.files import MAX_NAME
 from trajopt.core.numerals import is_number
 
 
@@ -49,9 +50,21 @@ def check_joint_names(names: Sequence[Any], joints: int) -> None:
     for joint, name in enumerate(names):
         if not isinstance(name, str) or not name.isprintable() or not name.strip():
             raise InvalidInput("joint_names", "a name", value=name, joint=joint)
+        check_length("joint_names", name, joint)
         if name in seen:
             raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
         seen.add(name)
+
+
+def check_length(key: str, name: str, joint: int | None = None) -> None:
+    """Refuse a name that is too long for a line, a table or a file.
+
+    Raises:
+        InvalidInput: It has more than `MAX_NAME` characters.
+    """
+    if len(name) > MAX_NAME:
+        right = f"a name of at most {MAX_NAME} characters"
+        raise InvalidInput(key, right, value=shortened(name, 40), joint=joint)
 
 
 def is_table(value: Any) -> TypeGuard[Array]:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -347,6 +348,59 @@ def test_many_damaged_files_are_one_line(tmp_path, trial):
         with pytest.warns(DamagedFile, match=words) as warned:
             reading()
         assert len(warned) == 1
+
+
+def pipe(place):
+    os.mkfifo(place)
+
+
+def device(place):
+    place.symlink_to("/dev/zero")
+
+
+def folder_instead(place):
+    place.mkdir()
+
+
+def broken_link(place):
+    place.symlink_to("nowhere")
+
+
+def of_another_version(place):
+    head = b'{\n"schema": "trajopt-5",\n"sha256": "' + b"0" * 64 + b'",\n'
+    place.write_bytes(head + f'"id": "{place.stem}",\n'.encode())
+
+
+def of_an_old_layout(place):
+    place.with_suffix(".h5").write_bytes(b"HDF5")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and devices of this kind are POSIX's")
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (pipe, "it is a pipe"),
+        (device, "it is a pipe, a socket or a device"),
+        (folder_instead, "Is a directory"),
+        (broken_link, "no such file"),
+        (of_another_version, "written by another version of trajopt"),
+        (of_an_old_layout, ""),
+    ],
+)
+def test_one_bad_file_is_left_out_and_named_and_blocks_no_other(tmp_path, trial, bad, words):
+    results = Store(tmp_path)
+    results.write(trial)
+    bad(tmp_path / "trials" / f"{0:020x}.json")
+    readers = [results.read, results.consolidate, lambda: read(tmp_path)]
+    for reader in readers:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            reader()
+        said = [str(warning.message) for warning in caught]
+        assert len(said) == bool(words)
+        assert all("0000.json" in line and words in line for line in said)
+    assert finished(results) == {trial.id}
+    assert [own.id for own in read(tmp_path / "results.h5")] == [trial.id]
 
 
 def test_a_trial_under_another_s_name_is_not_finished(tmp_path, trial):

@@ -18,6 +18,7 @@ from trajopt.benchmark.store.fields import SEED_MAX, columns
 from trajopt.benchmark.store.folder import Store, recorded
 from trajopt.benchmark.trial import trial_id, trials_of
 from trajopt.planners.registry import load, options
+from trajopt.views.analysis.versions import newest
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,7 @@ STATS = {
     "nothing": None,
     "yes": True,
     "text": "ß \n\t",
-    "int": 2**70,
+    "int": 10**19 - 1,
     "inf": -np.inf,
     "nan": np.nan,
     "whole": [1.0, 2.0],
@@ -147,7 +148,10 @@ def test_stats_of_every_kind_come_back(stored, trial):
     assert all(isinstance(value, float) for value in back["whole"])
 
 
-@pytest.mark.parametrize("value", [object(), b"bytes", {1, 2}, 1j, np.array([object()])])
+NO_VALUES = [object(), b"bytes", {1, 2}, 1j, np.array([object()]), 10**19, -(10**400)]
+
+
+@pytest.mark.parametrize("value", NO_VALUES)
 def test_what_cannot_be_kept_is_a_type_error_that_shows_it(trial, value):
     odd = replace(trial.solution, stats={"x": value})
     with pytest.raises(TypeError, match=r"cannot hold"):
@@ -161,7 +165,7 @@ def test_what_would_not_be_read_back_is_not_written(trial, value):
         trial_text.write(replace(trial, solution=odd))
 
 
-@pytest.mark.parametrize("odd", [np.inf, 2.5, np.float32(3), Fraction(7, 2)])
+@pytest.mark.parametrize("odd", [2.5, np.float32(3), Fraction(7, 2)])
 def test_odd_numbers_of_a_planner_do_not_spoil_the_file(stored, trial, odd):
     solution = replace(trial.solution, lower_bound=odd)
     back = stored(replace(trial, solution=solution))
@@ -184,7 +188,13 @@ def test_an_empty_history_is_not_the_same_as_none(stored, trial, history):
 PRINTABLE = st.text(st.characters(exclude_categories=("C", "Z")))
 
 
-@given(st.floats(allow_nan=False) | st.integers() | PRINTABLE | st.booleans() | st.none())
+@given(
+    st.floats(allow_nan=False)
+    | st.integers(1 - 10**19, 10**19 - 1)
+    | PRINTABLE
+    | st.booleans()
+    | st.none()
+)
 def test_plain_values_survive_strict_json(value):
     def refuse(word):
         raise AssertionError(word)
@@ -218,6 +228,43 @@ def changed(*path, to):
     return change
 
 
+def nested(depth):
+    """A list in a list, so many times."""
+    return [nested(depth - 1)] if depth else []
+
+
+HOSTILE = (
+    [10**18, 10**19, 10**400, -1, 1e308, {"$float": "inf"}, {"$float": "nan"}, None, True, "", "x"]
+    + ["9999-99-99", "9999-12-31T23:59:59-14:00", nested(3), nested(100), "x" * 250, {}]
+    + [{"$array": [10**30], "dtype": dtype, "shape": [1]} for dtype in ("<f8", "<i8", "<U1")]
+)
+
+
+def places(value, path=()):
+    """Every place of a trial's JSON; of a list its first item."""
+    if path:
+        yield path
+    if isinstance(value, dict):
+        for key, own in value.items():
+            yield from places(own, (*path, key))
+    elif isinstance(value, list) and value:
+        yield from places(value[0], (*path, 0))
+
+
+def test_any_value_at_any_place_is_refused_or_harms_no_table(trial):
+    text = trial_text.write(trial)
+    for path in places(json.loads(text)):
+        for value in HOSTILE:
+            try:
+                found = trial_text.read(forged(text, changed(*path, to=value)))
+            except (ValueError, TypeError, ArithmeticError, LookupError):
+                continue
+            found = replace(found, certificate=trial.certificate)  # verdicts are computed anew
+            columns([found, trial])
+            shown = newest([trial, found])
+            assert len(shown.trials) + sum(shown.left_out.values()) in (1, 2)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -241,6 +288,14 @@ def changed(*path, to):
         (changed("solution", "trajectory", to=None), "there is no trajectory"),
         (changed("solution", "trajectory", "breaks", -1, to=0.9), "increasing|waypoint_times"),
         (changed("solution", "evaluations", to=-1), "Solution.evaluations"),
+        (changed("solution", "lower_bound", to={"$float": "inf"}), "Solution.lower_bound"),
+        (changed("solution", "lower_bound", to=10**400), "1000.*more than 19 digits"),
+        (changed("setup_time", to={"$float": "inf"}), "setup_time: expected a finite number"),
+        (changed("asked", to="9999-99-99"), "asked: expected a time .*, or nothing"),
+        (changed("label", to="x" * 3_000_000), "label: expected a line of at most 2000"),
+        (changed("problem", "name", to="x" * 3_000_000), "name is 'xxx.*at most 200 characters"),
+        (changed("certificate", "waypoint", to=3), "certificate: waypoint"),
+        (changed("options", to=[[]] * 3 + [nested(50)]), "deeper than 40"),
         (changed("solution", "stats", to={"x": {"$array": [1], "dtype": "O"}}), "an array of"),
     ],
 )
@@ -255,15 +310,16 @@ def test_what_is_no_trial_is_refused_though_it_is_sealed(trial, change, words):
     [
         (b'3,\n"seed":3', "the key seed is there twice"),
         (b"NaN", "NaN is no number of JSON"),
-        (b"9" * 60_000, "digits"),
-        (b"[" * 100_000, "recursion|Expecting"),
+        (b"9" * 60_000, "99.*… has more than 19 digits"),
+        (b"1e999", "1e999 is too large for a number"),
+        (b"[" * 100_000, "deeper than 40|Expecting"),
     ],
 )
 def test_what_is_no_json_is_refused_though_it_is_sealed(trial, seed, words):
     _, _, _, body = trial_text.write(trial).split(b"\n", 3)
     changed = body.replace(b'"seed": 3', b'"seed": ' + seed)
     assert changed != body
-    with pytest.raises((ValueError, RecursionError), match=words):
+    with pytest.raises(ValueError, match=words):
         trial_text.read(trial_text.seal(changed))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from trajopt.benchmark.store.document import packed_solution, solution_of
 from trajopt.benchmark.trial import Answers, crash
-from trajopt.core.files import MAX_VALUES
+from trajopt.core.files import MAX_VALUES, strict_json
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import Relation
 
@@ -51,7 +51,7 @@ def unpacked(message: bytes, count: int) -> Answers:
     """
     if _values(message) > MAX_VALUES:
         raise ValueError(TOO_MANY)
-    table = json.loads(message)
+    table = strict_json(message.decode())
     solutions = [solution_of(row) for row in table["solutions"]]
     if len(solutions) != count:
         raise ValueError(f"expected {count} answers, found {len(solutions)}")

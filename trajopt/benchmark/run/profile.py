@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from trajopt.benchmark.provenance import Code
+from trajopt.benchmark.store.fields import is_line
 from trajopt.benchmark.trial import Configuration, Entrant
 from trajopt.core import exceptions
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError
+from trajopt.core.files import strict_json
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.planners import registry
@@ -68,7 +70,7 @@ class Profile:
             TrajoptError: The error that the message states, or it is no description.
         """
         try:
-            table = json.loads(message)
+            table = strict_json(message.decode())
             if "error" in table:
                 stated = _rebuilt(table["error"])
             else:
@@ -158,7 +160,7 @@ def _relation(planner: Planner, problem: Problem) -> str | None:
 
 
 def _line(text: Any) -> str:
-    if not isinstance(text, str) or not text.isprintable():
+    if not is_line(text):
         raise ValueError(f"{text!r:.80} is no line of text")
     return text
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.trial import well_formed
 from trajopt.core.demand import DEMANDS
-from trajopt.core.exceptions import InvalidInput
-from trajopt.core.files import check_keys
+from trajopt.core.exceptions import InvalidInput, shown
+from trajopt.core.files import MAX_DIGITS, check_keys
 from trajopt.core.harmless import harmless
 from trajopt.core.limits import Limit, Limits, named
 from trajopt.core.problem import Problem
@@ -61,13 +61,13 @@ def pack(value: Any) -> Any:
         return {_printable(str(key)): pack(item) for key, item in value.items()}
     if isinstance(value, np.generic):
         return pack(value.item())
-    if isinstance(value, Integral):
+    if isinstance(value, Integral) and abs(value) < 10**MAX_DIGITS:
         return int(value)
-    if isinstance(value, Real):
+    if isinstance(value, Real) and not isinstance(value, Integral):
         return pack(float(value))
     if isinstance(value, np.ndarray) and value.dtype.kind in _ARRAY_KINDS:
         return _packed_array(value)
-    raise TypeError(f"a result cannot hold {value!r:.200}")
+    raise TypeError(f"a result cannot hold {shown(value)}")
 
 
 def _printable(text: str) -> str:
@@ -216,6 +216,8 @@ def problem_of(table: Any) -> Problem:
     for text in (table["name"], table["source"], *joint_names, *joint_units):
         if not isinstance(text, str):
             raise Malformed(f"problem: expected text, found {text!r:.80}")
+    if not isinstance(table["limits"], dict):
+        raise Malformed("problem.limits: expected a table of limits")
     limits = Limits(**{key: _limit(key, rows) for key, rows in table["limits"].items()})
     demands = {key: table[key] for key in DEMANDS if key in table}
     problem = Problem(

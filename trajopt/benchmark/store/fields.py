@@ -17,9 +17,10 @@ from typing import Any, Literal
 import numpy as np
 
 from trajopt.benchmark.store.document import Malformed, pack
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import MAX_LABEL, Trial
+from trajopt.core.numerals import is_number
 
-Kind = Literal["line", "text", "time", "integer", "number", "object"]
+Kind = Literal["line", "text", "time", "time or none", "integer", "number", "object"]
 
 SEED_MAX = 2**63 - 1  # the largest integer of an HDF5 column
 _YEARS = range(1970, 2262)  # the years that pandas' nanoseconds hold
@@ -31,8 +32,9 @@ class Field:
 
     Attributes:
         name: In JSON, in columns and in tables.
-        kind: `line` (text without newlines), `text`, `time` (UTC, ISO 8601), `integer` (64 bits,
-            0 or more), `number` (None where there is none), `object`.
+        kind: `line` (text without newlines), `text`, `time` (UTC, ISO 8601), `time or none` (empty
+            for none), `integer` (64 bits, 0 or more), `number` (finite where a text states it; None
+            where there is none), `object`.
         unit: SI; "1" for a pure number, empty for texts.
         meaning: In words.
         path: Of the trial's attribute, where that is not called `name`.
@@ -51,12 +53,9 @@ def _is_integer(value: Any) -> bool:
     return 0 <= value <= SEED_MAX
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, float | int) and not isinstance(value, bool)
-
-
-def _is_line(value: Any) -> bool:
-    return isinstance(value, str) and value.isprintable()
+def is_line(value: Any) -> bool:
+    """Return whether a value is a text of one line, as a planner's name with its options."""
+    return isinstance(value, str) and value.isprintable() and len(value) <= MAX_LABEL
 
 
 def _is_time(value: Any) -> bool:
@@ -67,12 +66,14 @@ def _is_time(value: Any) -> bool:
     return time.tzinfo is not None and time.year in _YEARS
 
 
+_TIME = "a time like 2026-01-31T12:00:00+00:00"
 _KINDS: dict[Kind, tuple[str, Callable[[Any], bool]]] = {
-    "line": ("a line of text", _is_line),
+    "line": (f"a line of at most {MAX_LABEL} characters", is_line),
     "text": ("text", lambda value: isinstance(value, str)),
-    "time": ("a time like 2026-01-31T12:00:00+00:00", _is_time),
+    "time": (_TIME, _is_time),
+    "time or none": (f"{_TIME}, or nothing", lambda value: value == "" or _is_time(value)),
     "integer": ("a whole number from 0 to 2^63 - 1", _is_integer),
-    "number": ("a number", _is_number),
+    "number": ("a finite number", is_number),
     "object": ("a JSON object", lambda value: isinstance(value, Mapping)),
 }
 
@@ -113,7 +114,7 @@ FIELDS = (
     Field("solve_time", "number", "s", "other wall time to the answer; a batch's, by its runs"),
     Field("batch", "integer", "1", "runs that were solved together"),
     Field("started", "time", "", "start time, UTC, ISO 8601"),
-    Field("asked", "line", "", "when a later comparison kept the trial; empty: none did"),
+    Field("asked", "time or none", "", "when a later comparison kept the trial; empty: none did"),
     Field("provenance", "object", "", "versions, commit and machine of the trial"),
 )
 """Every field; `as_dict`, columns and tables follow their order."""

@@ -32,11 +32,12 @@ _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
 _MAX_NAMED = 10  # damaged files that are named one by one
+_OTHER_VERSION = "written by another version of trajopt"
 _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
 
 
 class Damaged(StoreError):
-    """A file that was changed after it was written; `path` is its path."""
+    """A file that holds no trial that can be read here; `path` is its path."""
 
     def __init__(self, path: Path, reason: str) -> None:
         words = " ".join(f"{path}: {reason}".split())
@@ -199,11 +200,10 @@ class Store:
         """
         with _reading(self.results):
             results_file.check_schema(self.results)
+        stamps = {path: _stamp(path) for path in _trial_files(self.folder)}
         stored = []
-        for path in _trial_files(self.folder):
-            stamp = _stamp(path)
-            for trial, text in _each([path], _both, _pass):
-                stored.append((Written(path, stamp, text), trial))
+        for path, (trial, text) in _each(list(stamps), _both, _pass):
+            stored.append((Written(path, stamps[path], text), trial))
         found = Seen()
         judged = verdicts.judged((trial, written.text) for written, trial in stored)
         unheld = 0
@@ -217,8 +217,7 @@ class Store:
     def read(self) -> list[Trial]:
         """Return the stored trials with computed verdicts; warns as `read` below does."""
         damaged: list[Damaged] = []
-        files = _trial_files(self.folder)
-        found = _judged(self.folder, _each(files, _both, damaged.append))
+        found = _judged(self.folder, _stored(self.folder, _both, damaged.append))
         _warn(damaged)
         return found
 
@@ -262,7 +261,13 @@ class Seen:
         known = self._written.get(_id(path))
         if known and known.path == path and known.stamp == _stamp(path):
             return self.trials[_id(path)], known.text
-        return next(_each([path], _both, damaged), None)
+        try:
+            return _one(path, _both)
+        except Damaged as error:
+            damaged(error)
+        except WrongSchema:
+            damaged(Damaged(path, _OTHER_VERSION))
+        return None
 
     def lost(self) -> dict[Path, bytes]:
         """Return the files that somebody else has removed or changed, and their texts."""
@@ -314,7 +319,8 @@ def _stored(path: Path, use: Callable[[bytes], T], damaged: OnDamage) -> Iterato
         listed = _trial_files(path)
         if not listed:
             raise StoreError(f"{path}: expected a results folder with trials/*.json in it")
-        yield from _each(listed, use, damaged)
+        for _, found in _each(listed, use, damaged):
+            yield found
     elif is_trial(path):
         with _reading(path):
             yield use(_load(path))
@@ -368,20 +374,37 @@ def is_trial(path: Path) -> bool:
         return False
 
 
-def _each(files: list[Path], use: Callable[[bytes], T], damaged: OnDamage) -> Iterator[T]:
-    """One after the other; a damaged file does not take the others down."""
+def _each(
+    files: Sequence[Path], use: Callable[[bytes], T], damaged: OnDamage
+) -> Iterator[tuple[Path, T]]:
+    """Yield each file with what is made of its text; a bad one does not take the others down.
+
+    Raises:
+        WrongSchema: Another version wrote all of them.
+    """
+    foreign = 0
     for path in files:
         try:
-            with _reading(path):
-                text = _load(path)
-                stated = trial_text.stated_id(text)
-                if stated != _id(path):
-                    raise Malformed(f"it holds trial {stated}")
-                found = use(text)
+            found = _one(path, use)
         except Damaged as error:
             damaged(error)
+        except WrongSchema:
+            foreign += 1
+            if foreign == len(files):
+                raise
+            damaged(Damaged(path, _OTHER_VERSION))
         else:
-            yield found
+            yield path, found
+
+
+def _one(path: Path, use: Callable[[bytes], T]) -> T:
+    """Return what is made of the text in a folder's file."""
+    with _reading(path):
+        text = _load(path)
+        stated = trial_text.stated_id(text)
+        if stated != _id(path):
+            raise Malformed(f"it holds trial {stated}")
+        return use(text)
 
 
 def _trial_files(folder: Path) -> list[Path]:
@@ -392,9 +415,9 @@ def _trial_files(folder: Path) -> list[Path]:
     """
     place = folder / "trials"
     names = sorted(file.name for file in place.glob("*.*"))
-    if any(name.endswith(".h5") for name in names):
-        raise WrongSchema(str(folder))
     files = [place / name for name in names if _TRIAL_NAME.fullmatch(name)]
+    if not files and any(name.endswith(".h5") for name in names):
+        raise WrongSchema(str(folder))
     done = {file.stem for file in files if not _is_unanswered(file)}
     return [file for file in files if not _is_unanswered(file) or _id(file) not in done]
 
@@ -421,11 +444,11 @@ def _reading(path: Path) -> Iterator[None]:
     except StoreError:
         raise
     except FileNotFoundError:
-        raise StoreError(f"{path}: no such file; expected a results folder or results.h5") from None
+        raise Damaged(path, "no such file; expected a results folder or results.h5") from None
     except OSError as error:
         if error.strerror is None:  # HDF5's
             raise _damaged(path, error) from error
-        raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
+        raise Damaged(path, f"cannot be read: {error.strerror}") from error
     except MemoryError as error:
         raise StoreError(f"{path}: there is not enough memory to read it") from error
     except Exception as error:

@@ -16,6 +16,7 @@ Its first three lines are the head. The SHA-256 is that of all bytes after the l
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import re
@@ -53,6 +54,7 @@ _NAMES = [field.name for field in fields.OWN_FIELDS]
 _KEYS = ("schema", "sha256", "id", "problem", *_NAMES, "certificate", "solution")
 _VERDICT = ("duration", "dilation", "flaws")
 _ERRORS = ("waypoint", "continuity")
+_WORST = tuple(field.name for field in dataclasses.fields(Worst))
 _LEAST = "least_times"  # a use, of problems that ask for least times
 _HEAD = re.compile(
     rb'\{\n"schema": "trajopt-(?P<schema>\d{1,9})",\n'
@@ -127,7 +129,7 @@ def read(text: bytes) -> Trial:
     """Return the trial of a text, with the verdict that the text states.
 
     Raises:
-        ValueError, TypeError, RecursionError: The text is damaged, edited, or no trial's.
+        ValueError, TypeError: The text is damaged, edited, or no trial's.
         WrongSchema: Another version wrote it.
     """
     table = row(text)
@@ -152,10 +154,7 @@ def read(text: bytes) -> Trial:
 
 
 def row(text: bytes) -> dict[str, Any]:
-    """Return what a whole text states, by name; its seal is checked, its values are not.
-
-    A text nested deeper than the interpreter's stack is a `RecursionError`, here or in `unpack`.
-    """
+    """Return what a whole text states, by name; its seal is checked, its values are not."""
     found = _head(text)
     if int(found["schema"]) != SCHEMA:
         raise WrongSchema("a trial")
@@ -265,6 +264,7 @@ def _use(key: str, table: Any, problem: Problem) -> Use:
 
 
 def _worst(name: str, table: Any, problem: Problem) -> Worst:
+    check_table(f"certificate: {name}", table, _WORST)
     _check_numbers(name, table.values())
     if table["order"] not in range(3):
         raise Malformed(f"certificate: {name}: order {table['order']:g}")
