@@ -240,14 +240,14 @@ def test_verify_names_what_is_neither_a_motion_nor_results(run, name):
 
 
 def test_a_file_of_the_right_kind_keeps_its_own_error(run):
-    Path("cell.toml").write_text(PROBLEM + "waypoint = 3\n", encoding="utf-8")
-    assert "cell.toml: waypoint is 3: expected the key waypoints" in run("plan cell.toml")[2]
+    Path("cell.toml").write_text(PROBLEM + "tolerence = 3\n", encoding="utf-8")
+    assert "cell.toml: tolerence is 3: expected the key tolerance" in run("plan cell.toml")[2]
     Path("cell.toml").write_text(PROBLEM + "= 3\n", encoding="utf-8")
     assert (
         "cell.toml: problem cannot be read (Invalid statement (at line 4"
         in run("plan cell.toml")[2]
     )
-    assert "no.toml: problem: expected a problem file that exists" in run("plan no.toml")[2]
+    assert "no.toml: it does not exist: expected a file that is there" in run("plan no.toml")[2]
 
 
 def test_a_problem_and_a_motion_in_the_wrong_order(run):

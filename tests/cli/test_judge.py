@@ -227,7 +227,7 @@ def test_metres_and_angles_of_a_motion_are_not_confused(run, tmp_path):
     [
         (
             "judge none.csv p.toml",
-            "none.csv: samples cannot be read (No such file or directory): expected",
+            "none.csv: it does not exist: expected a file that is there",
         ),
         ("judge slow.csv none.toml", "none.toml"),
         ("judge slow.csv six-axis", "joints is 2: expected 6"),

@@ -156,9 +156,9 @@ def test_a_rail_moves_by_metres_whatever_the_unit_of_angles(trajopt, tmp_path):
         ("w.csv --robot ur5", "did you mean 'ur5e'"),
         ("w.csv --robot ur5e --urdf x", "--robot or --urdf, not both"),
         ("w.csv --robot ur5e --unit grad", "--unit"),
-        ("w.csv --robot ur5e --limits no.yaml", "no.yaml: joint limits"),
+        ("w.csv --robot ur5e --limits no.yaml", "no.yaml: it does not exist"),
         ("w.csv --robot puma-560", "6 columns (joint_1"),
-        ("no.csv --robot ur5e", "no.csv: problem: expected a file of waypoints that"),
+        ("no.csv --robot ur5e", "no.csv: it does not exist: expected a file that is there"),
         ("six-axis --robot ur5e", "--robot is 'ur5e': expected no such flag with six-axis"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import chain
 
 import pytest
 
@@ -33,6 +34,7 @@ NO_RATE = {
     "offset",
 }
 ENTRY = {"max_velocity": 2, "max_acceleration": 4, "max_jerk": 50}
+JOINT_KEYS = {*joint_limits.JOINT, *chain(*(k.elsewhere for k in joint_limits.JOINT.values()))}
 LIMIT = 'lower="-3" upper="3" velocity="2" effort="1" '
 
 
@@ -56,7 +58,7 @@ def heeded(read, path, without, key):
     return True
 
 
-@pytest.mark.parametrize("key", sorted({*joint_limits._KEYS, *joint_limits._OTHER_NAMES} - NO_RATE))
+@pytest.mark.parametrize("key", sorted(JOINT_KEYS - NO_RATE))
 def test_every_key_of_a_joint_limits_yaml(tmp_path, key):
     path = tmp_path / "l.yaml"
 
@@ -90,7 +92,7 @@ RATES = [
 
 
 def test_the_walk_has_every_attribute_that_is_known():
-    known = {(tag, name) for tag, names in urdf._ATTRIBUTES.items() for name in names}
+    known = {(tag, name) for tag, names in urdf.ATTRIBUTES.items() for name in names}
     assert {(tag, name) for tag, name in known if name not in NO_RATE} <= set(RATES)
 
 
@@ -125,7 +127,7 @@ def test_a_narrower_range_of_an_interface_is_named(tmp_path):
     path = tmp_path / "r.urdf"
     joint = f'<joint name="j" type="revolute"><limit {LIMIT}/></joint>'
     path.write_text(f'<robot name="r">{joint}{INTERFACES}</robot>')
-    with pytest.warns(FileNote, match="read from it: ros2_control velocity min of j$"):
+    with pytest.warns(FileNote, match="not read: ros2_control velocity min of j$"):
         urdf.read(path)
 
 
@@ -140,7 +142,7 @@ def test_a_narrower_range_of_an_interface_is_named(tmp_path):
 def test_a_rate_under_an_unknown_section_is_named(tmp_path, text, named):
     path = tmp_path / "l.yaml"
     path.write_text(f"joint_limits: {{j: {{max_velocity: 2}}}}\n{text}\n")
-    with pytest.warns(FileNote, match=f"no limit is read from it: {named}$"):
+    with pytest.warns(FileNote, match=f"not read: {named}$"):
         joint_limits.read(path)
 
 
@@ -265,7 +267,7 @@ def test_every_limit_of_a_problem_file(tmp_path, kind):
 
 
 @pytest.mark.parametrize("value", ["0.5", "'other'"])
-@pytest.mark.parametrize("key", sorted({*problem_file._KEYS, "max_velocity", "speed"}))
+@pytest.mark.parametrize("key", sorted({*problem_file.KEYS, "max_velocity", "speed"}))
 def test_every_key_of_a_problem_file(tmp_path, key, value):
     """A number or a text under any key changes the problem, or is refused."""
     path = tmp_path / "p.toml"

@@ -149,7 +149,7 @@ def test_not_text_and_not_there(tmp_path):
     path.write_bytes(b"\xff\x00\xfejoint")
     with pytest.raises(InvalidInput, match="a readable YAML file"):
         joint_limits.read(path)
-    with pytest.raises(InvalidInput, match="No such file"):
+    with pytest.raises(InvalidInput, match="does not exist"):
         joint_limits.read(tmp_path / "absent.yaml")
 
 

@@ -164,7 +164,7 @@ def test_errors_name_the_file(tmp_path, name, content, said):
 
 
 def test_a_file_that_is_not_there_and_an_ending_that_is_unknown(tmp_path):
-    with pytest.raises(InvalidInput, match="No such file"):
+    with pytest.raises(InvalidInput, match="does not exist"):
         joint_trajectory.read(tmp_path / "none.yaml")
     samples = joint_trajectory.from_message(message())
     with pytest.raises(InvalidInput, match=r"ending in \.json, \.yaml or \.yml"):

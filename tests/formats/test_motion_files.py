@@ -163,7 +163,7 @@ def test_what_cannot_be_interpolated_is_refused(tmp_path):
         motion(rest, "cubic")
     with pytest.raises(InvalidInput, match=r"ending in \.csv"):
         motion(tmp_path / "m.xlsx")
-    with pytest.raises(InvalidInput, match="No such file"):
+    with pytest.raises(InvalidInput, match="does not exist"):
         motion(tmp_path / "none.csv")
     with pytest.raises(InvalidTrajectory, match="not list"):
         motion([1, 2])

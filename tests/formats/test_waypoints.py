@@ -219,7 +219,7 @@ def test_what_is_wrong_with_a_urdf_is_named(tmp_path, text, words):
         urdf.read(path).limits(["one", "turning"])
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
-    with pytest.raises(InvalidInput, match="No such file"):
+    with pytest.raises(InvalidInput, match="does not exist"):
         urdf.read(tmp_path / "absent.urdf")
 
 

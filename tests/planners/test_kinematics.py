@@ -314,7 +314,7 @@ def test_a_bad_file_is_refused_in_words_that_mend_it(tmp_path, key, value, messa
 
 
 def test_a_missing_or_broken_file_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match=r"nowhere\.toml: robot cannot be read \(No such file"):
+    with pytest.raises(InvalidInput, match=r"nowhere\.toml: it does not exist"):
         Robot.from_toml(tmp_path / "nowhere.toml")
     with pytest.raises(InvalidInput, match="expected a readable TOML file"):
         read(tmp_path, a="[0, 1")

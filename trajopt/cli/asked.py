@@ -20,7 +20,7 @@ from cyclopts import Parameter
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import ROBOT, number
-from trajopt.core import problem_file
+from trajopt.core import files, problem_file
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, urdf, waypoints
@@ -109,8 +109,7 @@ def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool =
             _check_unused(name_or_path, robot)
             return catalogue.load(name_or_path)
         if not path.exists():
-            right = "a file of waypoints that exists"
-            raise InvalidInput("problem", right, file=name_or_path)
+            raise files.absent(path)
         own = robot_limits(name_or_path, robot)
         planned = own.scaled() if scaled else own
         if planned is not own:

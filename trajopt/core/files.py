@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from trajopt.core import keys
 from trajopt.core.exceptions import InvalidInput, nearest, shortened
-from trajopt.core.out_of_scope import out_of_scope
 
 MAX_BYTES = 32_000_000  # 88 s of six joints every millisecond
 MAX_TOML_BYTES = 2_000_000  # its parser takes a second for each million
@@ -32,8 +32,6 @@ MAX_DIGITS = 19  # every integer of 64 bits has no more
 MAX_NAME = 200  # characters of the name of a problem, a joint or a planner
 TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"
 
-_SIMILAR = 0.6  # share of letters that two names have in common, at least
-_MISSPELT = 0.8  # the same where a key may also be another program's
 _MARKS = ",;\t\n[{<"  # one of these precedes every value but the first
 _LONG_WORD = re.compile(rf"(?<![\w.+-])[\w.+-]{{{MAX_WORD + 1}}}")
 _PART = r"""\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
@@ -106,11 +104,28 @@ def check_bounds(found: str, marks: str = _MARKS) -> None:
 
 def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInput:
     """The error to raise where reading a file fails."""
+    if isinstance(error, FileNotFoundError):
+        return absent(path)
     reason = getattr(error, "strerror", None) or str(error)
     if isinstance(error, RecursionError):
         reason = TOO_DEEP
     key = f"{what} cannot be read ({reason})"
     return InvalidInput(key, f"a readable {kind} file", file=str(path))
+
+
+def absent(path: Path, otherwise: str = "") -> InvalidInput:
+    """The error to raise where a file is not there.
+
+    Args:
+        path: The file.
+        otherwise: What may be given in its place, in words.
+    """
+    try:
+        close = nearest(path.name, [own.name for own in path.parent.iterdir()])
+    except OSError:
+        close = ""
+    right = "a file that is there" + (f", perhaps {path.with_name(close)}" if close else "")
+    return InvalidInput("it does not exist", right + otherwise, file=str(path))
 
 
 def json(path: Path, what: str) -> Any:
@@ -206,42 +221,21 @@ def items(table: Any) -> Iterable[Any]:
 
 
 def check_keys(
-    prefix: str,
-    table: Mapping[str, Any],
-    known: Iterable[str],
-    required: Iterable[str] = (),
-    *,
-    others: bool = False,
+    prefix: str, table: Mapping[str, Any], known: Iterable[str], required: Iterable[str] = ()
 ) -> None:
-    """Refuse unknown keys, and missing ones.
+    """Refuse unknown keys, and missing ones, of a table that only this package writes.
 
     Args:
         prefix: Text before a key in errors.
         table: A table of the file.
         known: The keys that the file may have.
         required: The keys that the file must have.
-        others: True to ignore keys of other programs: those that resemble no known key, or one
-            that is there too.
 
     Raises:
         InvalidInput: Names the key and the nearest known one.
     """
-    names = sorted(known)
-    for key, value in table.items():
-        if key in names:
-            continue
-        close = nearest(str(key), names, _MISSPELT if others else _SIMILAR)
-        if others and close in table:
-            continue
-        if close or not others:
-            right = f"the key {close}" if close else f"one of the keys {', '.join(names)}"
-            elsewhere = "" if others else out_of_scope(str(key))
-            if elsewhere:
-                right = f"this key left out: {elsewhere}"
-            raise InvalidInput(f"{prefix}{key}", right, value=value)
-    for key in required:
-        if key not in table:
-            raise InvalidInput(f"{prefix}{key}", "this key; it is missing")
+    own = dict.fromkeys(known, keys.Key(keys.anything, ""))
+    keys.unread(prefix, table, own, required, strictness="exact")
 
 
 def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:

@@ -56,12 +56,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trajopt.core import arm_file, files
+from trajopt.core import arm_file, files, keys
 from trajopt.core.arm_file import Arm
 from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
-from trajopt.core.files import check_keys, text_at
+from trajopt.core.files import text_at
+from trajopt.core.keys import Key
 from trajopt.core.limits import KINDS, Limit, Limits, segment_tables
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
@@ -69,19 +70,29 @@ from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 if TYPE_CHECKING:
     from trajopt.core.problem import Problem
 
-_KEYS = (
-    "name",
-    "source",
-    "robot",
-    "joint_names",
-    "angle_unit",
-    "units",
-    "waypoints",
-    *DEMANDS,
-    "limits",
-    "published",
-)
-_UNIT_KEYS = ("waypoints", "limits")
+KEYS = {
+    "name": Key(keys.text, "the problem's name"),
+    "source": Key(keys.text, "where it comes from"),
+    "robot": Key(keys.text, "a known robot, for its limits and joints"),
+    "joint_names": Key(keys.numbers, "one per column of the waypoints"),
+    "angle_unit": Key(keys.text, "deg or rad, of waypoints and limits"),
+    "units": Key(keys.table, "the unit of the waypoints and that of the limits"),
+    "waypoints": Key(keys.numbers, "a row each"),
+    **{key: Key(keys.anything, demand.meaning) for key, demand in DEMANDS.items()},
+    "limits": Key(keys.table, "the limits by kind"),
+    "published": Key(keys.table, "what was published for it"),
+}
+"""The keys of a problem file."""
+LIMIT_KEYS = {key: Key(keys.anything, kind.name()) for key, kind in KINDS.items()} | {
+    segment_tables.KEY: Key(keys.anything, "limits of one segment")
+}
+"""The keys of its limits."""
+UNITS_KEYS = {
+    "waypoints": Key(keys.anything, "the unit of waypoints, or one per joint"),
+    "limits": Key(keys.anything, "the unit of limits, or one per joint"),
+}
+"""The keys of its units."""
+_UNIT_KEYS = tuple(UNITS_KEYS)
 
 
 def read(path: Path, make: Callable[..., Problem]) -> Problem:
@@ -116,12 +127,14 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     for key in KINDS:
         if key in table:
             raise InvalidInput(key, f"this key under [limits], as {key} = [...]", value=table[key])
-    check_keys("", table, _KEYS, required)
+    others = keys.unread("", table, KEYS, required, strictness="ours")
     given = table.get("limits", {})
     if not isinstance(given, Mapping):
         raise InvalidInput("limits", "a table of limits", value=given)
-    known = (*KINDS, segment_tables.KEY)
-    check_keys("limits.", given, known, () if arm else ("acceleration", "velocity"))
+    needed = () if arm else ("acceleration", "velocity")
+    of_limits = keys.unread("limits.", given, LIMIT_KEYS, needed, strictness="ours")
+    given = {key: value for key, value in given.items() if key in LIMIT_KEYS}
+    keys.note_unread(path.name, [*others, *(f"limits.{key}" for key in of_limits)])
     waypoints = waypoint_table(table["waypoints"])
     demands = {
         key: demand.read(table[key], *waypoints.shape)
@@ -274,8 +287,9 @@ def _said_units(table: Mapping[str, Any]) -> dict[str, Any]:
         raise InvalidInput("angle_unit", right, value=table["angle_unit"])
     if not isinstance(units, Mapping):
         raise InvalidInput("units", "a table with waypoints and limits", value=units)
-    check_keys("units.", units, _UNIT_KEYS, _UNIT_KEYS if limits_given else ("waypoints",))
-    return {"limits": "rad", **units}
+    needed = _UNIT_KEYS if limits_given else ("waypoints",)
+    others = keys.unread("units.", units, UNITS_KEYS, needed, strictness="ours")
+    return {"limits": "rad"} | {key: unit for key, unit in units.items() if key not in others}
 
 
 def _units(said: Mapping[str, Any], joints: int) -> dict[str, list[str]]:

@@ -19,9 +19,9 @@ Also read are `min_position` and `max_position` with `has_position_limits`; `min
 `max_deceleration`. The smaller of deceleration and acceleration limit bounds accelerations of both
 signs, because limits here depend on the direction, not on whether a joint brakes; a `FileNote` says
 so where they differ. Limits that are not in the file keep their values (`RobotLimits.updated`), so
-a file of the two scaling factors alone goes with a robot. Efforts, soft limits, limits of the tool
-and rates under unknown sections are left out, which a `FileNote` says. Unknown keys of a joint are
-refused.
+a file of the two scaling factors alone goes with a robot. Efforts, soft limits, limits of the tool,
+rates under unknown sections and unknown keys of a joint are not read, which a `FileNote` says; a
+misspelt key is refused (`trajopt.core.keys`).
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core import files
+from trajopt.core import keys
 from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.core.keys import Key
 from trajopt.core.limits import LimitName
 from trajopt.core.out_of_scope import out_of_scope
 from trajopt.formats import yaml_file
@@ -42,50 +43,47 @@ from trajopt.formats.robot_limits import (
     Bounds,
     JointBounds,
     RobotLimits,
-    bounds_rate,
     note_braking,
-    note_unread,
 )
 
 _WHAT = "joint limits"
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 _SCALINGS = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
-_TABLE_KEYS = ("joint_limits", *_SCALINGS, "cartesian_limits", "robot_description_planning")
-_KEYS = (
-    "has_position_limits",
-    "min_position",
-    "max_position",
-    "has_velocity_limits",
-    "min_velocity",
-    "max_velocity",
-    "has_acceleration_limits",
-    "min_acceleration",
-    "max_acceleration",
-    "has_deceleration_limits",
-    "max_deceleration",
-    "has_jerk_limits",
-    "min_jerk",
-    "max_jerk",
-    # Keys of other uses: efforts, ros2_control's soft limits.
-    "angle_wraparound",
-    "has_effort_limits",
-    "has_soft_limits",
-    "k_position",
-    "k_velocity",
-    "max_effort",
-    "min_effort",
-    "soft_lower_limit",
-    "soft_upper_limit",
-)
-_OTHER_NAMES = {  # a URDF's
-    "lower": "min_position",
-    "upper": "max_position",
-    "velocity": "max_velocity",
-    "acceleration": "max_acceleration",
-    "deceleration": "max_deceleration",
-    "jerk": "max_jerk",
-    "effort": "max_effort",
+TABLE = {
+    "joint_limits": Key(keys.table, "the joints by name"),
+    _SCALINGS[0]: Key(keys.number, "share of the velocity limits that MoveIt plans with"),
+    _SCALINGS[1]: Key(keys.number, "share of the acceleration limits that MoveIt plans with"),
+    "cartesian_limits": Key(keys.table, "the tool's, which is not judged"),
+    "robot_description_planning": Key(keys.table, "what ROS puts around the table"),
 }
+"""The keys of a file."""
+
+_PER_S = {"velocity": "rad/s", "acceleration": "rad/s²", "deceleration": "rad/s²", "jerk": "rad/s³"}
+JOINT = {
+    "has_position_limits": Key(keys.flag, "whether the range counts"),
+    "min_position": Key(keys.number, "lower end of the range, rad (m)", ("lower",)),
+    "max_position": Key(keys.number, "upper end of the range, rad (m)", ("upper",)),
+    **{f"has_{kind}_limits": Key(keys.flag, "whether it is limited") for kind in _PER_S},
+    **{
+        f"max_{kind}": Key(keys.number, f"largest {kind}, {unit}", (kind,))
+        for kind, unit in _PER_S.items()
+    },
+    **{
+        f"min_{kind}": Key(keys.number, f"lower side of the {kind} limit, {_PER_S[kind]}")
+        for kind in _RATES
+    },
+    # Of other uses: efforts, ros2_control's soft limits.
+    "angle_wraparound": Key(keys.flag, "whether the joint turns without end"),
+    "has_effort_limits": Key(keys.flag, "whether the effort is limited"),
+    "min_effort": Key(keys.number, "lower side of the effort limit"),
+    "max_effort": Key(keys.number, "largest effort", ("effort",)),
+    "has_soft_limits": Key(keys.flag, "whether the soft limits count"),
+    "k_position": Key(keys.number, "gain of the position in the soft limits"),
+    "k_velocity": Key(keys.number, "gain of the velocity in the soft limits"),
+    "soft_lower_limit": Key(keys.number, "lower soft limit, rad (m)"),
+    "soft_upper_limit": Key(keys.number, "upper soft limit, rad (m)"),
+}
+"""The keys of a joint."""
 _READ = {f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "position")}
 _SOFT = ("k_position", "soft_lower_limit", "soft_upper_limit")
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
@@ -109,7 +107,7 @@ def read(path: str | Path) -> RobotLimits:
     for sentence, key in sentences.items():
         if sentence:
             warnings.warn(FileNote(f"{path}: {key} is left out: {sentence}"), stacklevel=2)
-    note_unread(str(path), _unread(table, inner))
+    keys.note_unread(str(path), _unread(table, inner))
     note_braking(str(path), _braking_otherwise(inner))
     return limits
 
@@ -117,7 +115,9 @@ def read(path: str | Path) -> RobotLimits:
 def _unread(table: Any, inner: Mapping[str, Any]) -> Iterator[str]:
     """Keys that bound a rate outside of the joints' table, and soft limits within."""
     joints = inner.get("joint_limits") or {}
+    yield from keys.unread("", inner, TABLE, shared=True)
     for name, entry in joints.items():
+        yield from keys.unread(f"joint_limits.{name}.", entry, JOINT)
         if entry.get("has_soft_limits", True):
             yield from (f"{key} of {name}" for key in _SOFT if key in entry)
     levels = [("", table)]
@@ -128,7 +128,7 @@ def _unread(table: Any, inner: Mapping[str, Any]) -> Iterator[str]:
                 continue
             if isinstance(value, Mapping):
                 levels.append((f"{where}{key}.", value))
-            elif bounds_rate(key) and key not in _SCALINGS and not isinstance(value, bool):
+            elif keys.bounds_rate(key) and key not in _SCALINGS and not isinstance(value, bool):
                 yield f"{where}{key}"
 
 
@@ -144,7 +144,7 @@ def _limit_keys(table: Mapping[str, Any]) -> Iterator[str]:
     """The keys of limits that are not switched off, of the file and of its joints."""
     yield from map(str, table)
     for entry in (table.get("joint_limits") or {}).values():
-        for key in entry:
+        for key in filter(JOINT.__contains__, entry):
             kind = key.partition("_")[2].removesuffix("_limits")
             if entry.get(f"has_{kind}_limits", True):
                 yield key
@@ -156,9 +156,9 @@ def _unwrapped(table: Any) -> Any:
     for _ in range(_WRAPPERS_MAX):
         tables = [own for own in levels[-1] if isinstance(own, Mapping)]
         levels.append([inner for own in tables for inner in own.values()])
-    for keys in ({"joint_limits"}, set(_SCALINGS)):
+    for wanted in ({"joint_limits"}, set(_SCALINGS)):
         for level in levels:
-            found = [own for own in level if isinstance(own, Mapping) and keys & own.keys()]
+            found = [own for own in level if isinstance(own, Mapping) and wanted & own.keys()]
             if len(found) > 1:
                 raise InvalidInput("joint_limits", "this key once, not for several nodes")
             if found:
@@ -174,8 +174,7 @@ def _limits(table: Any, source: str) -> RobotLimits:
         said = {}
     if not isinstance(said, Mapping):
         raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
-    # The file may define values for aliases, and hold keys of other programs.
-    files.check_keys("", table, _TABLE_KEYS, others=True)
+    keys.unread("", table, TABLE, shared=True)
     joints = {}
     for name, entry in said.items():
         key = f"joint_limits.{name}"
@@ -206,11 +205,7 @@ def _scaling(table: Mapping[str, Any], key: str) -> float:
 
 def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
     """One joint's limits, by kind."""
-    for name in entry:
-        if name in _OTHER_NAMES:
-            right = f"the key {_OTHER_NAMES[name]}"
-            raise InvalidInput(f"{key}.{name}", right, value=entry[name])
-    files.check_keys(f"{key}.", entry, _KEYS)
+    keys.unread(f"{key}.", entry, JOINT)
     bounds: dict[LimitName, Bounds] = {}
     for kind in _RATES:
         high = _rate(key, entry, kind)

@@ -17,13 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core import files
+from trajopt.core import files, keys
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.keys import Key
+from trajopt.core.tables import is_list
 from trajopt.formats import digits, yaml_file
 from trajopt.formats.joint_trajectory import duration, numbers
 from trajopt.formats.samples import Samples
 
-_KEYS = ("header", "name", "position", "velocity", "effort")
+STATE = {
+    "header": Key(keys.table, "its stamp is the time"),
+    "name": Key(is_list, "one per joint"),
+    "position": Key(is_list, "rad (m), one per joint"),
+    "velocity": Key(is_list, "rad/s (m/s), one per joint"),
+    "effort": Key(is_list, "torques, which are not judged"),
+}
+"""The keys of a message."""
 
 
 def read(path: Path) -> Samples | None:
@@ -38,7 +47,7 @@ def read(path: Path) -> Samples | None:
     if not messages or not all(map(_is_state, messages)):
         return None
     try:
-        return _samples(messages)
+        return _samples(messages, path.name)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
@@ -47,14 +56,15 @@ def _is_state(message: Any) -> bool:
     return isinstance(message, Mapping) and {"name", "position"} <= message.keys()
 
 
-def _samples(messages: list[Any]) -> Samples:
+def _samples(messages: list[Any], file: str) -> Samples:
+    unread: list[str] = []
     names = files.names_at(messages[0], "name")
     times: list[float] = []
     tables: dict[str, list[list[float]]] = {"position": [], "velocity": []}
     first: Mapping[str, Any] = {}
     for number, message in enumerate(messages, start=1):
         key = f"message {number}"
-        files.check_keys(f"{key}: ", message, _KEYS, ("header",))
+        unread += keys.unread(f"{key}: ", message, STATE, ("header",))
         if message["name"] != names:
             right = f"the joints of the first message, {', '.join(names)}"
             raise InvalidInput(f"{key}: name", right, value=message["name"])
@@ -70,6 +80,7 @@ def _samples(messages: list[Any]) -> Samples:
             if len(table) not in (0, number):
                 right = "numbers in every message, or in none"
                 raise InvalidInput(f"{key}: {name}", right, value=message.get(name))
+    keys.note_unread(file, unread)
     velocities = np.array(tables["velocity"]) if tables["velocity"] else None
     elapsed = np.array(times) - times[0]
     samples = Samples(tuple(names), elapsed, np.array(tables["position"]), velocities)

@@ -7,48 +7,43 @@
       time_from_start: {sec: 0, nanosec: 0}     # or {secs, nsecs}, or seconds
     - ...
 
-It may be inside another message: a `RobotTrajectory` of MoveIt (`joint_trajectory`), or a goal of
-`FollowJointTrajectory` (`trajectory`, perhaps in `goal`).
+It may be anywhere inside another message: a `RobotTrajectory` of MoveIt, its answer to a request, a
+goal of `FollowJointTrajectory`, a message of rosbridge. Of several in one message a reader has to
+be told which one is meant (`found`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from trajopt.core import files
+from trajopt.core import files, keys
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.keys import Key
+from trajopt.core.tables import is_list
 from trajopt.formats import digits, yaml_file
 from trajopt.formats.samples import Samples
 
 _WHAT = "JointTrajectory"
-# Keys that hold the message, from the outside in: of action goals, of MoveIt and the controller.
-_CARRIERS = ("goal", "trajectory", "joint_trajectory")
-_CARRIER_KEYS = (
-    *_CARRIERS,
-    "component_goal_tolerance",
-    "component_path_tolerance",
-    "controller_names",
-    "error_code",
-    "goal_id",
-    "goal_time_tolerance",
-    "goal_tolerance",
-    "group_name",
-    "header",
-    "model_id",
-    "multi_dof_joint_trajectory",
-    "multi_dof_trajectory",
-    "path_tolerance",
-    "planning_time",
-    "trajectory_start",
-)
-_MESSAGE_KEYS = ("header", "joint_names", "points")
 _FIELDS = ("positions", "velocities", "accelerations")
-_POINT_KEYS = (*_FIELDS, "effort", "time_from_start")
+MESSAGE = {
+    "header": Key(keys.table, "when it begins"),
+    "joint_names": Key(is_list, "one per joint"),
+    "points": Key(is_list, "the samples"),
+}
+"""The keys of a message."""
+POINT = {
+    "positions": Key(is_list, "rad (m), one per joint"),
+    "velocities": Key(is_list, "rad/s (m/s), one per joint"),
+    "accelerations": Key(is_list, "rad/s² (m/s²), one per joint"),
+    "effort": Key(is_list, "torques, which are not judged"),
+    "time_from_start": Key(keys.anything, "{sec, nanosec}, {secs, nsecs} or seconds"),
+}
+"""The keys of a point."""
 _DURATIONS = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2 and ROS 1
 _NANOSECONDS = 10**9  # in a second
 _DURATION_MAX = (2**31 - 1, _NANOSECONDS - 1)  # seconds, nanoseconds
@@ -62,7 +57,7 @@ def read(path: Path) -> Samples:
         InvalidInput: Names the file, the point, the joint, the value, and what would be right.
     """
     try:
-        return from_message(_table(path))
+        return from_message(_table(path), path.name)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
@@ -109,18 +104,30 @@ def to_message(samples: Samples) -> dict[str, Any]:
     return {"joint_names": list(samples.joint_names), "points": points}
 
 
-def from_message(message: Any) -> Samples:
+def from_message(message: Any, name: str = _WHAT) -> Samples:
     """Samples of a message, or of a message that contains it, as dictionaries and lists.
+
+    Args:
+        message: The message.
+        name: Its file's, for a `FileNote` about keys that are not read.
 
     Raises:
         InvalidInput: Names the point (from 1), the joint, the value, and what would be right.
     """
-    table = _uncarried(message)
+    inside = found(message)
+    if len(inside) > 1:
+        places = ", ".join(inside)
+        right = "one trajectory in the file: save each of them in a file of its own"
+        raise InvalidInput(_WHAT, right, value=places)
+    (table,) = inside.values()
+    if "points" not in table:
+        raise InvalidInput(_WHAT, f"{_RIGHT}; points is missing")
+    unread = keys.unread("", table, MESSAGE)
     names = files.names_at(table, "joint_names")
     points = table["points"]
     if not names:
         raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
-    if not _is_list(points) or len(points) < 2:
+    if not is_list(points) or len(points) < 2:
         right = "at least two points: the first is where the robot starts, at time 0"
         raise InvalidInput("points", right, value=points)
     times = []
@@ -129,7 +136,7 @@ def from_message(message: Any) -> Samples:
         key = f"points, point {number}"
         if not isinstance(point, Mapping):
             raise InvalidInput(key, "a table", value=point)
-        files.check_keys(f"{key}: ", point, _POINT_KEYS, ["time_from_start"])
+        unread += keys.unread(f"{key}: ", point, POINT, ["time_from_start"])
         times.append(duration(f"{key}: time_from_start", point["time_from_start"]))
         for field in _FIELDS:
             row = point.get(field)
@@ -147,7 +154,8 @@ def from_message(message: Any) -> Samples:
             "the first point depends on it"
         )
         raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
-    tables: dict[str, Any] = {name: own for name, own in columns.items() if own}
+    keys.note_unread(name, unread)
+    tables: dict[str, Any] = {field: own for field, own in columns.items() if own}
     return digits.known(Samples(tuple(names), np.array(times), **tables))
 
 
@@ -160,24 +168,38 @@ def _table(path: Path) -> Any:
     return documents[0]
 
 
-def _uncarried(message: Any) -> Mapping[str, Any]:
-    """The table that has the points."""
-    table = message
-    for _ in range(len(_CARRIERS) + 1):
-        if _is_list(table) and len(table) == 1:  # a DisplayTrajectory lists its trajectories
-            table = table[0]
-        if not isinstance(table, Mapping):
-            break
-        if "points" in table:
-            files.check_keys("", table, _MESSAGE_KEYS)
-            return table
-        carried = [table[key] for key in _CARRIERS if key in table]
-        if not carried:
-            break
-        files.check_keys("", table, _CARRIER_KEYS)
-        table = carried[0]
-    right = "a JointTrajectory, or a RobotTrajectory or FollowJointTrajectory goal that holds one"
-    raise InvalidInput(_WHAT, f"{right}: joint_names and points")
+_RIGHT = "a JointTrajectory, or a message that holds one: joint_names and points"
+
+
+def found(message: Any) -> dict[str, Mapping[str, Any]]:
+    """Return every JointTrajectory inside a message, by its place there.
+
+    Those without points are returned only if there are no others. A trajectory of poses
+    (`MultiDOFJointTrajectory`) is none.
+
+    Raises:
+        InvalidInput: There is none.
+    """
+    tables: dict[str, Mapping[str, Any]] = {}
+    level = [("", message)]
+    while level:
+        place, value = level.pop(0)
+        if isinstance(value, Mapping) and ("points" in value or "joint_names" in value):
+            points = value.get("points") or []
+            of_poses = is_list(points) and any(
+                isinstance(point, Mapping) and "transforms" in point for point in points
+            )
+            if not of_poses and not place.endswith("multi_dof_joint_trajectory"):
+                tables[place or "."] = value
+        elif isinstance(value, Mapping):
+            start = f"{place}." if place else ""
+            level += [(f"{start}{key}", own) for key, own in value.items()]
+        elif is_list(value):
+            level += [(f"{place}[{index}]", own) for index, own in enumerate(value)]
+    with_points = {place: table for place, table in tables.items() if table.get("points")}
+    if not tables:
+        raise InvalidInput(_WHAT, _RIGHT)
+    return with_points or dict(list(tables.items())[:1])
 
 
 def duration(key: str, stated: Any) -> float:
@@ -200,10 +222,10 @@ def duration(key: str, stated: Any) -> float:
 
 def numbers(key: str, row: Any, joints: int) -> list[float]:
     """A list of numbers, one per joint."""
-    if _is_list(row) and _CUT_SHORT in row:
+    if is_list(row) and _CUT_SHORT in row:
         right = "all numbers; `ros2 topic echo --full-length` does not cut arrays short"
         raise InvalidInput(key, right, value=_CUT_SHORT)
-    if not _is_list(row) or len(row) != joints:
+    if not is_list(row) or len(row) != joints:
         raise InvalidInput(key, f"{joints} numbers, one per joint", value=row)
     return [_number(key, item, joint) for joint, item in enumerate(row)]
 
@@ -213,7 +235,3 @@ def _number(key: str, item: Any, joint: int | None = None) -> float:
     if value is None:
         raise InvalidInput(key, "a finite number", value=item, joint=joint)
     return value
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes)

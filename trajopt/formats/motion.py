@@ -20,13 +20,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from trajopt.core import files
+from trajopt.core import files, keys
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
+from trajopt.core.keys import Key
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
-from trajopt.core.tables import check_joint_names
+from trajopt.core.tables import check_joint_names, is_list
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_state, joint_trajectory, samples_csv
 from trajopt.formats.samples import Samples, known_as
@@ -37,10 +38,16 @@ if TYPE_CHECKING:
 ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
-_MATLAB_KEYS = ("form", "breaks", "coefs", "pieces", "order", "dim")
-_POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names", "lengths")
-# Further keys of files that `plan` writes.
-_TRIAL_KEYS = (
+MATLAB = {
+    "form": Key(keys.text, "pp"),
+    "breaks": Key(is_list, "s"),
+    "coefs": Key(is_list, "a row for each joint of each piece, highest power first"),
+    "pieces": Key(keys.number, "number of pieces"),
+    "order": Key(keys.number, "number of coefficients"),
+    "dim": Key(keys.numbers, "number of joints"),
+}
+"""The keys of MATLAB's `pp`."""
+_OF_TRIAL = (
     "certificate",
     "certified_duration",
     "claimed_duration",
@@ -57,6 +64,14 @@ _TRIAL_KEYS = (
     "status",
     "waypoint_times",
 )
+POLYNOMIALS = {
+    "breaks": Key(is_list, "s"),
+    "coefficients": Key(is_list, "(degree + 1, pieces, joints)"),
+    "joint_names": Key(is_list, "one per joint"),
+    "lengths": Key(is_list, "of the pieces, s, where the breaks round them"),
+    **{key: Key(keys.anything, "what `plan` writes of its trial") for key in _OF_TRIAL},
+}
+"""The keys of a file of polynomials."""
 MAX_COEFFICIENTS = 101
 _MAX_WORK = 5e7  # polynomials, times the square of their numbers of coefficients (at least 10)
 
@@ -208,7 +223,7 @@ def _read(
 
 def _in_file(path: Path, interpolation: Interpolation) -> Motion:
     table = files.json(path, "motion") if path.suffix == ".json" else None
-    stated = _stated(table) if isinstance(table, Mapping) else None
+    stated = _stated(table, path.name) if isinstance(table, Mapping) else None
     if stated is None:
         samples = joint_state.read(path) or joint_trajectory.read(path)
         return replace(_of_samples(path.name, samples, interpolation), of_message=True)
@@ -219,14 +234,14 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
     return Motion(path.name, trajectory, "polynomial", tuple(names))
 
 
-def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]] | None:
+def _stated(table: Mapping[str, Any], name: str) -> tuple[Trajectory, Sequence[str]] | None:
     """The trajectory and the joints' names of a table of polynomials; None for a message."""
     if table.get("form") == "pp" and "coefs" in table:
-        return _of_matlab(table), ()
+        return _of_matlab(table, name), ()
     if "coefficients" not in table:
         return None
-    known = (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS)
-    files.check_keys("", table, known, ("breaks", "coefficients"))
+    others = keys.unread("", table, POLYNOMIALS, ("breaks", "coefficients"), strictness="ours")
+    keys.note_unread(name, others)
     breaks = _array("breaks", table)
     coefficients = _array("coefficients", table)
     if breaks.ndim != 1 or coefficients.ndim != 3 or 0 in coefficients.shape or not breaks.size:
@@ -238,13 +253,13 @@ def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]] | None
     return trajectory, files.names_at(table, "joint_names")
 
 
-def _of_matlab(table: Mapping[str, Any]) -> Trajectory:
+def _of_matlab(table: Mapping[str, Any], name: str) -> Trajectory:
     """The trajectory of MATLAB's `pp` (`mkpp`, `spline`), as `jsonencode` writes it.
 
     Each row of `coefs` is one joint's polynomial on a piece, highest power first; the joints of a
     piece follow each other.
     """
-    files.check_keys("", table, _MATLAB_KEYS, ("breaks", "coefs"))
+    keys.note_unread(name, keys.unread("", table, MATLAB, ("breaks", "coefs")))
     breaks = _array("breaks", table)
     coefficients = np.atleast_2d(_array("coefs", table))
     pieces = len(breaks) - 1

@@ -9,7 +9,6 @@ A source may lack kinds of limits. Only the limits that are needed in the end mu
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ import numpy as np
 
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
+from trajopt.core.keys import note
 from trajopt.core.limits import LIMIT_NAMES, Limit, LimitName, Limits, named
 
 Bounds = tuple[float, float]
@@ -26,35 +26,12 @@ JointBounds = Mapping[LimitName, Bounds]
 
 _REQUIRED: tuple[LimitName, ...] = ("velocity", "acceleration")
 _UNLIMITED = (-np.inf, np.inf)
-_RATE = re.compile(r"vel|speed|acc|decel|jerk", re.IGNORECASE)
-_SHOWN = 6  # names in a note
-
-
-def bounds_rate(key: str) -> bool:
-    """Return whether a key names a velocity, an acceleration or a jerk.
-
-    Every reader reads such a key, refuses it, or names it with `note_unread`.
-    """
-    return _RATE.search(key) is not None
-
-
-def note_unread(source: str, keys: Iterable[str]) -> None:
-    """Warn, with one `FileNote`, of the keys of a file that bound a rate and are not read."""
-    _note(source, "left out, no limit is read from it: ", keys)
 
 
 def note_braking(source: str, joint_names: Iterable[str]) -> None:
     """Warn, with one `FileNote`, of deceleration limits that differ from acceleration limits."""
     start = "deceleration and acceleration limits differ, the smaller one holds for both: "
-    _note(source, start, joint_names)
-
-
-def _note(source: str, start: str, names: Iterable[str]) -> None:
-    own = list(dict.fromkeys(names))
-    if own:
-        more = ", …" if len(own) > _SHOWN else ""
-        message = f"{source}: {start}{', '.join(own[:_SHOWN])}{more}"
-        warnings.warn(FileNote(message), stacklevel=4)
+    note(source, start, joint_names)
 
 
 @dataclass(frozen=True)

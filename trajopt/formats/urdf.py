@@ -26,31 +26,58 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from trajopt.core import files, numerals
+from trajopt.core import files, keys, numerals
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.keys import Key, Keys
 from trajopt.core.limits import FallingVelocity, LimitName
 from trajopt.formats.robot_limits import (
     Bounds,
     JointBounds,
     RobotLimits,
-    bounds_rate,
     note_braking,
-    note_unread,
 )
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
-_FALLING_ATTRIBUTES = ("velocity_offset", "deceleration_limit")
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 _MAX_TAGS = 400_000  # some 200 MB once parsed; a large robot has 10,000
 _UNLIMITED = (-np.inf, np.inf)
-_ATTRIBUTES = {
-    "limit": ("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk"),
-    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
-    "position_based_velocity_limits": ("velocity_offset", "deceleration_limit"),
-    "mimic": ("joint", "multiplier", "offset"),
+LIMIT = {
+    "lower": Key(keys.number, "lower end of the range, rad (m)"),
+    "upper": Key(keys.number, "upper end of the range, rad (m)"),
+    "velocity": Key(keys.number, "largest velocity, rad/s (m/s)"),
+    "effort": Key(keys.number, "largest effort, which is not judged"),
+    "acceleration": Key(keys.number, "largest acceleration, rad/s² (m/s²)"),
+    "deceleration": Key(keys.number, "the same for braking"),
+    "jerk": Key(keys.number, "largest jerk, rad/s³ (m/s³)"),
 }
-_OTHER_ELEMENTS = ("axis", "calibration", "child", "dynamics", "origin", "parent")
+SAFETY = {
+    "soft_lower_limit": Key(keys.number, "lower soft limit, rad (m)"),
+    "soft_upper_limit": Key(keys.number, "upper soft limit, rad (m)"),
+    "k_position": Key(keys.number, "gain of the position in the soft limits"),
+    "k_velocity": Key(keys.number, "gain of the velocity in the soft limits"),
+}
+FALLING = {
+    "velocity_offset": Key(keys.number, "velocity at the ends of the range, rad/s"),
+    "deceleration_limit": Key(keys.number, "deceleration towards the ends, rad/s²"),
+}
+MIMIC = {
+    "joint": Key(keys.text, "the joint that it follows"),
+    "multiplier": Key(keys.number, "how much it moves with it"),
+    "offset": Key(keys.number, "where it is when the other is at 0"),
+}
+ATTRIBUTES: Mapping[str, Keys] = {
+    "limit": LIMIT,
+    "safety_controller": SAFETY,
+    "position_based_velocity_limits": FALLING,
+    "mimic": MIMIC,
+}
+"""The attributes of each element of a joint that is read."""
+ELEMENTS = {tag: Key(keys.holding(own), f"<{tag}>") for tag, own in ATTRIBUTES.items()} | {
+    tag: Key(keys.table, f"<{tag}>, which is not read")
+    for tag in ("axis", "calibration", "child", "dynamics", "origin", "parent")
+}
+"""The elements of a joint."""
 _HARMLESS_XACRO = ("arg", "property")  # they define what may be used in ${} and $()
 _PREFIX = re.compile(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _TEMPLATE = re.compile(r"\$[({]")
@@ -135,8 +162,8 @@ def _robot(root: Element, source: str) -> RobotLimits:
                 raise InvalidInput("joint", "names that differ", value=name)
             joints[name] = {}
             units[name] = unit
-            _check_elements(joint)
-            unread += (f"{key} of {name}" for key in _unread(joint))
+            left = [*_other_keys(joint), *_unread(joint)]
+            unread += (f"{key} of {name}" for key in left)
             joints[name] = _bounds(joint)
             if _brakes_otherwise(joint):
                 braking.append(name)
@@ -149,33 +176,37 @@ def _robot(root: Element, source: str) -> RobotLimits:
     if not joints:
         raise InvalidInput("robot", "at least one joint that moves")
     unread += _of_interfaces(root, joints)
-    note_unread(source, unread)
+    keys.note_unread(source, unread)
     note_braking(source, braking)
     others = {FallingVelocity.key: falling} if falling else {}
     return RobotLimits(joints, source=source, units=units, others=others, unsound=unsound)
 
 
-def _check_elements(joint: Element) -> None:
-    """Refuse misspelt elements and attributes, and limits that are there twice."""
-    seen = set()
+def _other_keys(joint: Element) -> Iterator[str]:
+    """The elements and attributes that resemble known ones and are not read.
+
+    Raises:
+        InvalidInput: One of them is misspelt, or an element is there twice.
+    """
+    given: dict[str, Mapping[str, str]] = {}
     for element in joint:
         tag = element.tag
-        if tag in _ATTRIBUTES and tag in seen:
+        if tag in given and tag in ATTRIBUTES:
             raise InvalidInput(tag, "this element once")
-        seen.add(tag)
-        if tag in _ATTRIBUTES:
-            files.check_keys(f"{tag} ", element.attrib, _ATTRIBUTES[tag], others=True)
-        elif tag not in _OTHER_ELEMENTS:
-            files.check_keys("", {tag: None}, _ATTRIBUTES, others=True)
+        given[tag] = element.attrib
+        if tag in ATTRIBUTES:
+            near = keys.unread(f"{tag} ", element.attrib, ATTRIBUTES[tag], shared=True)
+            yield from (f"{tag} {key}" for key in near)
+    yield from keys.unread("", given, ELEMENTS, shared=True)
 
 
 def _unread(joint: Element) -> Iterator[str]:
     """The attributes of a joint's elements that bound a rate and are not read."""
     for element in joint:
-        known = _ATTRIBUTES.get(element.tag, ())
+        known = ATTRIBUTES.get(element.tag, {})
         if element.tag != "axis":
             for key, value in element.attrib.items():
-                bounds = bounds_rate(key) or (bounds_rate(element.tag) and not known)
+                bounds = keys.bounds_rate(key) or (keys.bounds_rate(element.tag) and not known)
                 if key not in known and bounds and _is_positive(value):
                     yield f"{element.tag} {key}"
     # It bounds the velocity by the distance from a soft limit.
@@ -193,7 +224,7 @@ def _of_interfaces(root: Element, joints: Mapping[str, JointBounds]) -> Iterator
             low, high = joints.get(name, {}).get(kind, _UNLIMITED)  # type: ignore[call-overload]
             for param in interface.iterfind("param"):
                 value = numerals.parsed((param.text or "").strip())
-                if not bounds_rate(kind) or value is None:
+                if not keys.bounds_rate(kind) or value is None:
                     continue
                 side = param.get("name", "")
                 if (side == "min" and value > low) or (side == "max" and value < high):
@@ -262,13 +293,13 @@ def _falling_velocity(joint: Element) -> Array | None:
         raise InvalidInput(
             "position_based_velocity_limits", "a limit with lower and upper beside it"
         )
-    row = [_number(own, name) for name in _FALLING_ATTRIBUTES]
+    row = [_number(own, name) for name in FALLING]
     row += [_number(limit, name) for name in ("lower", "upper")]
     try:
         (numbers,) = FallingVelocity(np.array([row])).numbers
     except InvalidInput as error:
         _, _, name = error.key.rpartition(".")
-        attributes = dict(zip(("offset", "deceleration"), _FALLING_ATTRIBUTES, strict=True))
+        attributes = dict(zip(("offset", "deceleration"), FALLING, strict=True))
         key = attributes.get(name, "position range")
         raise InvalidInput(key, error.expected, value=error.value) from None
     return numbers

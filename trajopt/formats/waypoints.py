@@ -21,17 +21,25 @@ from pathlib import Path
 
 import numpy as np
 
-from trajopt.core import files
+from trajopt.core import files, keys
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
+from trajopt.core.keys import Key
 from trajopt.core.problem import Problem
-from trajopt.core.tables import waypoint_table
+from trajopt.core.tables import is_list, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, contradicted, mixed_units
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.formats.samples import known_as
 
 ENDINGS = (".csv", ".txt", ".npy", ".json")
+
+TABLE = {
+    "waypoints": Key(is_list, "a row each"),
+    "joint_names": Key(is_list, "one per column"),
+    "unit": Key(keys.anything, "deg or rad, or a unit per joint"),
+}
+"""The keys of a JSON file of waypoints."""
 
 _TIMES = ("t", "time", "times", "time_from_start")
 
@@ -219,7 +227,8 @@ def _read_json(path: Path) -> Waypoints:
     table = files.json(path, "waypoints")
     if not isinstance(table, Mapping):
         table = {"waypoints": table}
-    files.check_keys("", table, ("waypoints", "joint_names", "unit"), ("waypoints",))
+    others = keys.unread("", table, TABLE, ("waypoints",), strictness="ours")
+    keys.note_unread(path.name, others)
     rows = waypoint_table(table["waypoints"])
     names = tuple(files.names_at(table, "joint_names"))
     unit = table.get("unit")

@@ -71,7 +71,7 @@ def standing(times: Array, positions: Array, half: Array, limits: Limits) -> Sta
     spans = []
     for own in (positions, positions[::-1]):
         width = np.maximum.accumulate(own) - np.minimum.accumulate(own)
-        still = (width <= 2 * half).all(axis=1)
+        still = np.all(width <= 2 * half, axis=1)
         spans.append(len(still) if still.all() else int(np.argmin(still)))
     whole = float(times[-1] - times[0])
     if len(times) in spans:

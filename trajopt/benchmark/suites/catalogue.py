@@ -20,7 +20,7 @@ from zlib import crc32
 
 from trajopt.benchmark.suites import demands, edges, families, literature, moving, robots, sections
 from trajopt.benchmark.suites.suite import Suite
-from trajopt.core import built_in
+from trajopt.core import built_in, files
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
 from trajopt.formats.motion import ENDINGS
@@ -56,9 +56,7 @@ def find(name_or_path: str) -> Path | None:
     if path.exists() and not path.is_dir():  # of a pipe the reader says that it is one
         return path
     if path.suffix or len(path.parts) > 1:
-        raise InvalidInput(
-            "problem", "a problem file that exists, or a built-in name", file=name_or_path
-        )
+        raise files.absent(Path(name_or_path), ", or a built-in name")
     _made(name_or_path)
     return None
 
