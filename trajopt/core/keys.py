@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -18,7 +18,6 @@ from typing import Any, Literal
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
 from trajopt.core.numerals import is_number, parsed
 from trajopt.core.out_of_scope import out_of_scope
-from trajopt.core.tables import is_list
 
 _SIMILAR = 0.6  # share of letters that two names have in common, at least
 _MISSPELT = 0.8  # the same in a table that other programs fill too
@@ -38,7 +37,12 @@ def number(value: Any) -> bool:
 
 def numbers(value: Any) -> bool:
     """Return whether a value is a number or a list, perhaps of lists."""
-    return number(value) or is_list(value)
+    return number(value) or a_list(value)
+
+
+def a_list(value: Any) -> bool:
+    """Return whether a value is a list."""
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def flag(value: Any) -> bool:

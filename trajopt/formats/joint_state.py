@@ -20,17 +20,16 @@ import numpy as np
 from trajopt.core import files, keys
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.keys import Key
-from trajopt.core.tables import is_list
 from trajopt.formats import digits, yaml_file
 from trajopt.formats.joint_trajectory import duration, numbers
 from trajopt.formats.samples import Samples
 
 STATE = {
     "header": Key(keys.table, "its stamp is the time"),
-    "name": Key(is_list, "one per joint"),
-    "position": Key(is_list, "rad (m), one per joint"),
-    "velocity": Key(is_list, "rad/s (m/s), one per joint"),
-    "effort": Key(is_list, "torques, which are not judged"),
+    "name": Key(keys.a_list, "one per joint"),
+    "position": Key(keys.a_list, "rad (m), one per joint"),
+    "velocity": Key(keys.a_list, "rad/s (m/s), one per joint"),
+    "effort": Key(keys.a_list, "torques, which are not judged"),
 }
 """The keys of a message."""
 

@@ -32,15 +32,15 @@ _WHAT = "JointTrajectory"
 _FIELDS = ("positions", "velocities", "accelerations")
 MESSAGE = {
     "header": Key(keys.table, "when it begins"),
-    "joint_names": Key(is_list, "one per joint"),
-    "points": Key(is_list, "the samples"),
+    "joint_names": Key(keys.a_list, "one per joint"),
+    "points": Key(keys.a_list, "the samples"),
 }
 """The keys of a message."""
 POINT = {
-    "positions": Key(is_list, "rad (m), one per joint"),
-    "velocities": Key(is_list, "rad/s (m/s), one per joint"),
-    "accelerations": Key(is_list, "rad/s² (m/s²), one per joint"),
-    "effort": Key(is_list, "torques, which are not judged"),
+    "positions": Key(keys.a_list, "rad (m), one per joint"),
+    "velocities": Key(keys.a_list, "rad/s (m/s), one per joint"),
+    "accelerations": Key(keys.a_list, "rad/s² (m/s²), one per joint"),
+    "effort": Key(keys.a_list, "torques, which are not judged"),
     "time_from_start": Key(keys.anything, "{sec, nanosec}, {secs, nsecs} or seconds"),
 }
 """The keys of a point."""

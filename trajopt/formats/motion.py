@@ -27,7 +27,7 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.keys import Key
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
-from trajopt.core.tables import check_joint_names, is_list
+from trajopt.core.tables import check_joint_names
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_state, joint_trajectory, samples_csv
 from trajopt.formats.samples import Samples, known_as
@@ -40,8 +40,8 @@ TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
 MATLAB = {
     "form": Key(keys.text, "pp"),
-    "breaks": Key(is_list, "s"),
-    "coefs": Key(is_list, "a row for each joint of each piece, highest power first"),
+    "breaks": Key(keys.a_list, "s"),
+    "coefs": Key(keys.a_list, "a row for each joint of each piece, highest power first"),
     "pieces": Key(keys.number, "number of pieces"),
     "order": Key(keys.number, "number of coefficients"),
     "dim": Key(keys.numbers, "number of joints"),
@@ -65,10 +65,10 @@ _OF_TRIAL = (
     "waypoint_times",
 )
 POLYNOMIALS = {
-    "breaks": Key(is_list, "s"),
-    "coefficients": Key(is_list, "(degree + 1, pieces, joints)"),
-    "joint_names": Key(is_list, "one per joint"),
-    "lengths": Key(is_list, "of the pieces, s, where the breaks round them"),
+    "breaks": Key(keys.a_list, "s"),
+    "coefficients": Key(keys.a_list, "(degree + 1, pieces, joints)"),
+    "joint_names": Key(keys.a_list, "one per joint"),
+    "lengths": Key(keys.a_list, "of the pieces, s, where the breaks round them"),
     **{key: Key(keys.anything, "what `plan` writes of its trial") for key in _OF_TRIAL},
 }
 """The keys of a file of polynomials."""

@@ -26,7 +26,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.keys import Key
 from trajopt.core.problem import Problem
-from trajopt.core.tables import is_list, waypoint_table
+from trajopt.core.tables import waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, contradicted, mixed_units
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
@@ -35,8 +35,8 @@ from trajopt.formats.samples import known_as
 ENDINGS = (".csv", ".txt", ".npy", ".json")
 
 TABLE = {
-    "waypoints": Key(is_list, "a row each"),
-    "joint_names": Key(is_list, "one per column"),
+    "waypoints": Key(keys.a_list, "a row each"),
+    "joint_names": Key(keys.a_list, "one per column"),
     "unit": Key(keys.anything, "deg or rad, or a unit per joint"),
 }
 """The keys of a JSON file of waypoints."""
