@@ -8,7 +8,6 @@ import linecache
 import platform
 import re
 import sys
-import time
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from importlib.machinery import SourceFileLoader
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from trials import PROBLEM, Stopping
+from work import calls
 
 from trajopt import InvalidInput, Planner, Solution, Status
 from trajopt.benchmark import provenance
@@ -149,12 +149,11 @@ def test_of_an_installed_planner_the_version_and_its_own_file_count(tmp_path, fr
     assert len({first.digest, raised, digest().digest}) == 3
 
 
-def test_our_planners_name_our_distribution_and_are_digested_in_no_time():
+def test_our_planners_name_our_distribution_and_are_digested_with_little_work():
     planner = load("toppra")
     provenance._ours.cache_clear()
-    began = time.process_time()
+    calls(lambda: code_of(planner), at_most=200_000)  # 40,000: a few for each file of ours
     code = code_of(planner)
-    assert time.process_time() - began < 0.3  # 20 ms where nobody else is working
     assert (code.distribution, code.version) == ("mintime", provenance.provenance()["mintime"])
     assert code_of(load("toppra:knots=chord")) == code  # options are not code
     assert code_of(load("exact")).digest != code.digest  # another class is

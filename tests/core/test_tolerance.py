@@ -356,7 +356,7 @@ def test_a_bound_without_a_waypoint_has_the_widest_limits_of_both_segments(seed)
     limits = Limits(np.stack([-widths, widths], axis=-1), [4.0])
     problem = Problem(waypoints, limits, tolerance=0.3)
     motion = Exact().solve(problem).trajectory
-    found = proved(problem, within=0.02, time_limit=1.0)
+    found = proved(problem, within=0.02)
     assert not counted(problem).all()
     assert found.lower_bound <= motion.duration * (1 + 1e-9)
     apart = Problem(waypoints, limits, tolerance=0.3, least_times=[0.0, 0.1, 0.0])
@@ -386,5 +386,5 @@ def test_a_rough_stream_keeps_its_spacing_within_tolerance_and_has_none_exactly(
 def test_a_bound_is_no_less_than_the_closed_form():
     """Boxes that overlap everywhere, of a straight way from rest to rest."""
     samples = np.linspace(0.0, 0.5, 9)[:, None]
-    found = proved(Problem(samples, Limits([2.0], [8.0]), tolerance=0.2), time_limit=1.0)
+    found = proved(Problem(samples, Limits([2.0], [8.0]), tolerance=0.2), time_limit=0.1)
     assert found.lower_bound == pytest.approx(0.5, rel=1.1e-4)  # 2 √(0.5/8)

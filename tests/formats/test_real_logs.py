@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from time import process_time
 
 import numpy as np
 import pytest
+from work import calls, doubling
 
 from trajopt import cli
 from trajopt.core.exceptions import FileNote, InvalidInput
@@ -261,29 +261,35 @@ def test_units_that_are_none_are_refused(text):
         asked(text)
 
 
-def test_a_log_of_one_million_numbers_takes_bounded_time_and_memory(tmp_path):
+def log_of(rows, path):
+    """A log of so many rows of 18 numbers."""
+    lines = (f"{n / 1000},{','.join(['0.25'] * 18)}" for n in range(rows))
+    names = [f"{kind}{joint}" for kind in ("q", "dq", "ddq") for joint in range(6)]
+    path.write_text("\n".join([f"t,{','.join(names)}", *lines]), encoding="utf-8")
+    return path
+
+
+def test_a_log_takes_work_in_proportion_to_its_rows(tmp_path):
+    paths = {rows: log_of(rows, tmp_path / f"{rows}.csv") for rows in (2000, 4000)}
+    assert doubling(lambda rows: samples_csv.read(paths[rows], "rad"), 2000) < 2.1
+
+
+def test_a_log_of_one_million_numbers_takes_bounded_memory(tmp_path):
     import resource
 
-    path = tmp_path / "log.csv"
-    rows = (f"{n / 1000},{','.join(['0.25'] * 18)}" for n in range(50_000))
-    names = [f"{kind}{joint}" for kind in ("q", "dq", "ddq") for joint in range(6)]
-    path.write_text("\n".join([f"t,{','.join(names)}", *rows]), encoding="utf-8")
-    before = resource.getrusage(resource.RUSAGE_SELF)
+    path = log_of(50_000, tmp_path / "log.csv")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     samples = samples_csv.read(path, "rad")
-    after = resource.getrusage(resource.RUSAGE_SELF)
     assert samples.accelerations.shape == (50_000, 6)
-    assert after.ru_utime - before.ru_utime < 10
-    assert after.ru_maxrss - before.ru_maxrss < 500_000  # kB
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000  # kB
 
 
 def test_a_heading_of_megabytes_is_refused_at_once(tmp_path):
     (tmp_path / "log.csv").write_text("<a>" * 1_000_000, encoding="utf-8")
-    began = process_time()
     with pytest.raises(
         InvalidInput, match=r"line 1 is '<a><a>.*headings of at most 1000"
     ) as caught:
-        samples_csv.read(tmp_path / "log.csv")
-    assert process_time() - began < 2
+        calls(lambda: samples_csv.read(tmp_path / "log.csv"), at_most=10_000)
     assert len(str(caught.value)) < 500
 
 

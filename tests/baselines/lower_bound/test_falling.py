@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from work import HANG_S
 
 from baselines.collocation.uniform import Collocation
 from baselines.lower_bound import costates
@@ -74,7 +75,7 @@ def test_cells_without_rates_are_cells_with_rates_of_zero():
 def test_the_optimum_along_the_parabola_is_proved(goal):
     problem = one_joint(0.0, goal)
     optimum = to_rest_near_the_end(abs(goal))
-    found = prove(problem, within=2e-4, time_limit=20)
+    found = prove(problem, within=2e-4, time_limit=HANG_S)
     assert found.status == "proved"
     assert optimum * (1 - 2e-4) <= found.lower_bound <= optimum * (1 + 1e-9)
     assert found.upper_bound >= optimum * (1 - 1e-9)
@@ -99,7 +100,7 @@ def checked(monkeypatch, problem: Problem, lower_bound: float, proof: BoundProof
 @pytest.mark.parametrize(("seed", "jerk"), [(0, None), (2, 200.0)])
 def test_the_script_confirms_a_proof_and_no_more(monkeypatch, seed, jerk):
     problem = two_joints(seed, jerk=jerk)
-    found = prove(problem, within=2e-2, time_limit=10)
+    found = prove(problem, within=2e-2, time_limit=HANG_S)
     assert found.proved_within < 2.01e-2
     assert found.proof.rates.size
     assert checked(monkeypatch, problem, found.lower_bound, found.proof)
@@ -117,7 +118,7 @@ def test_the_script_confirms_a_proof_and_no_more(monkeypatch, seed, jerk):
 
 def test_a_proof_is_stored_and_read_back_with_its_rates():
     problem = one_joint(0.0, 2.7)
-    planner = Prove(within=1e-3, time_limit=10)
+    planner = Prove(within=1e-3, time_limit=HANG_S)
     assert planner.relation(problem) is Relation.SAME
     found = planner.solve(problem)
     assert found.status is Status.SOLVED
@@ -126,7 +127,7 @@ def test_a_proof_is_stored_and_read_back_with_its_rates():
     free = problem.without("falling_velocity")
     with pytest.raises(InvalidInput, match="no rate of λ"):
         planner.stored_bound(free, found.stats)
-    plain = prove(free, time_limit=10).proof.arrays()
+    plain = prove(free, time_limit=HANG_S).proof.arrays()
     assert "proof_rates" not in plain
 
 
@@ -138,7 +139,7 @@ def test_a_waypoint_out_of_reach_is_infeasible_for_the_bound():
 
 def test_a_joint_that_begins_where_nothing_is_allowed_may_leave():
     problem = one_joint(2.748, 0.5, 1.5)
-    found = prove(problem, within=2e-4, time_limit=10)
+    found = prove(problem, within=2e-4, time_limit=HANG_S)
     assert found.status == "proved"
 
 
@@ -154,5 +155,5 @@ def test_the_record_s_text_holds_the_limit():
 
 def test_a_bound_of_splines_leaves_the_limit_out_and_says_so():
     problem = one_joint(0.0, 0.5, 2.0, 2.6)
-    found = Prove(family="spline353", within=1e-2, time_limit=5).solve(problem)
+    found = Prove(family="spline353", within=1e-2, time_limit=HANG_S).solve(problem)
     assert "falling velocity limits are left out" in found.message

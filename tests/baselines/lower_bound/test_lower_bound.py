@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from work import HANG_S
 
 from baselines.exact.acceleration import Exact
 from baselines.lower_bound.bound import Bound, prove
@@ -59,8 +60,8 @@ def test_closed_forms(problem: Problem, optimum: float, within: float) -> None:
 
 def test_six_axis_is_proved_in_time() -> None:
     problem = load("six-axis")
-    free = prove(problem, time_limit=10.0)
-    spline = prove(problem, "spline353", within=1e-6, time_limit=30.0)
+    free = prove(problem, time_limit=HANG_S)
+    spline = prove(problem, "spline353", within=1e-6, time_limit=HANG_S)
     for bound in (free, spline):
         sane(bound, problem)
         assert bound.status == "proved"
@@ -75,11 +76,11 @@ def test_six_axis_is_proved_in_time() -> None:
 def test_a_segment_near_rounding_is_left_unproved() -> None:
     """Flown by at full speed its spline takes 6 s, which no other spline comes near."""
     problem = one_joint(0.0, 1.0, 1.0 + 1e-13, 2.0)
-    bound = prove(problem, "spline353", time_limit=2)
+    bound = prove(problem, "spline353", time_limit=HANG_S)
     assert bound.status == "stopped: no progress"
     # 3 d1/t1 <= V = 1 and 6 d1/t1^2 <= A = 2 for d1 = 1, twice; the middle one takes no time
     assert bound.lower_bound <= 6.0
-    longer = prove(one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0), "spline353", time_limit=2)
+    longer = prove(one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0), "spline353", time_limit=HANG_S)
     assert longer.status == "proved"
     assert longer.lower_bound <= 6.0 <= longer.upper_bound * (1 + 1e-9)
 
@@ -88,7 +89,7 @@ def test_a_segment_near_rounding_is_left_unproved() -> None:
 def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) -> None:
     problem = random_problem(seed)
     answer = Exact().solve(problem).trajectory
-    bound = prove(problem, within=1e-3, time_limit=4)
+    bound = prove(problem, within=1e-3, time_limit=HANG_S)
     sane(bound, problem)
     limits = np.abs(problem.limits.velocity).max(axis=1)
     assert answer is not None
@@ -101,7 +102,7 @@ def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) 
 def test_random_splines_with_and_without_jerk(seed: int) -> None:
     problem = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
     answer = Spline353NLP().solve(problem).trajectory
-    bound = prove(problem, "spline353", within=1e-3, time_limit=4)
+    bound = prove(problem, "spline353", within=1e-3, time_limit=HANG_S)
     sane(bound, problem)
     assert answer is not None
     assert bound.lower_bound <= answer.duration * (1 + 1e-9)
@@ -111,7 +112,7 @@ def test_random_splines_with_and_without_jerk(seed: int) -> None:
 def test_some_joints_against_a_search_over_the_ratios(joints: list[int]) -> None:
     """Random times, dilated exactly: none may beat the bound, the best must come near."""
     problem = load("six-axis").only(joints)
-    bound = prove(problem, "spline353", within=1e-5, time_limit=10)
+    bound = prove(problem, "spline353", within=1e-5, time_limit=HANG_S)
     assert bound.status == "proved"
     generator = np.random.default_rng(0)
     ratios = np.exp(generator.uniform(-4, 4, (20000, 3)))
@@ -143,13 +144,13 @@ def test_jerk_and_position_limits_count() -> None:
 def test_position_limits_bound_the_353_too() -> None:
     """Between the bound and the best known lies nothing; without the limits it is far below."""
     problem = load("position-limits")
-    bound = prove(problem, "spline353", within=1e-3, time_limit=20)
+    bound = prove(problem, "spline353", within=1e-3, time_limit=HANG_S)
     assert bound.status == "proved"
     assert bound.trajectory is not None
     assert verify(problem, bound.trajectory).feasible
     # the best of a grid of ratios, refined
     assert bound.lower_bound <= 35.18858 <= bound.upper_bound * (1 + 1e-6)
-    free = prove(problem.without("position"), "spline353", within=1e-3, time_limit=20)
+    free = prove(problem.without("position"), "spline353", within=1e-3, time_limit=HANG_S)
     assert free.status == "proved"
     assert free.lower_bound < bound.lower_bound
 

@@ -1,6 +1,5 @@
 """The registered planner: its answers, its refusals, and its proofs."""
 
-import time
 from dataclasses import replace
 from functools import cache
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from work import HANG_S
 
 from baselines.lower_bound.planner import Prove
 from trajopt import InvalidInput, Limits, Problem
@@ -18,7 +18,7 @@ from trajopt.planners.planner import Relation
 from trajopt.planners.registry import load as load_planner
 from trajopt.planners.rest_to_rest import stop_times
 
-QUICK = Prove(time_limit=10.0)
+QUICK = Prove(time_limit=HANG_S)
 
 
 def test_it_is_the_registered_planner():
@@ -41,7 +41,7 @@ def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
     problem = Problem(
         [[0, 0], [1, -0.5], [0.4, 0.6]], Limits([1, 1], [2, 2], jerk=[20, 20], position=position)
     )
-    planner = Prove(within=2e-3, time_limit=20.0)
+    planner = Prove(within=2e-3, time_limit=HANG_S)
     solution = planner.solve(problem)
     assert solution.stats["proof"] == "proved"
     assert solution.lower_bound > 3.19
@@ -49,7 +49,7 @@ def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
 
 
 def test_a_bound_of_splines_is_not_a_bound_of_every_trajectory():
-    planner = Prove(family="spline353", within=1e-2, time_limit=20.0)
+    planner = Prove(family="spline353", within=1e-2, time_limit=HANG_S)
     # one way with waypoints on it: the trapezoid of 1.5/1 + 1/2 s passes them, a 3-5-3 is slower
     problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]))
     solution = planner.solve(problem)
@@ -137,14 +137,14 @@ def stored_bound_of(name):
 
 
 @pytest.mark.parametrize(("waypoints", "joints"), [(1000, 7), (4, 1000)])
-def test_the_time_limit_covers_building_the_model(waypoints, joints):
+def test_a_model_that_takes_longer_than_the_time_limit_is_not_built(monkeypatch, waypoints, joints):
     rng = np.random.default_rng(0)
     steps = rng.uniform(-1, 1, (waypoints, joints))
     limits = Limits(np.ones(joints), np.full(joints, 2.0))
     problem = Problem(np.cumsum(steps, axis=0), limits)
-    began = time.perf_counter()
+    for built in ("relaxed", "branch_and_bound"):
+        monkeypatch.delattr(f"baselines.lower_bound.bound.{built}")
     solution = Prove(time_limit=5.0).solve(problem)
-    assert time.perf_counter() - began < 5.0
     assert "a proof can begin" in solution.message
     # no segment is faster than its largest displacement at top speed
     at_top_speed = np.abs(problem.displacements).max(axis=1).sum()
@@ -161,7 +161,7 @@ def test_the_time_limit_covers_building_the_model(waypoints, joints):
     ],
 )
 def test_an_open_bound_says_how_far_the_motion_is_above_and_whether_its_starts_agree(apart, words):
-    bound = Prove(time_limit=5.0).bound(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
+    bound = Prove(time_limit=HANG_S).bound(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
     opened = replace(bound, status="time limit", proved_within=0.25, disagreement=apart)
     assert Prove()._message(opened).endswith(words)
     assert "above" not in Prove()._message(replace(opened, status="proved"))

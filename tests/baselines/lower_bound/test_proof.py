@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ruckig
+from work import HANG_S
 
 from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound import costates, extremal
@@ -184,7 +185,7 @@ def test_idle_rows_leave_the_program_and_are_found_again():
 def test_two_waypoints_meet_ruckigs_optimum(v, a, j, h):
     problem = Problem([[0.0], [h]], Limits([v], [a], [j]))
     optimum = RuckigStop().solve(problem).trajectory.duration
-    bound = prove(problem, within=1e-7, time_limit=20)
+    bound = prove(problem, within=1e-7, time_limit=HANG_S)
     assert bound.status == "proved"
     assert optimum * (1 - 1e-6) <= bound.lower_bound <= optimum * (1 + 1e-9)
 
@@ -237,7 +238,7 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
     infimum = ramp + end + hold + (1.0 - rising - falling) / v
     proof = branch_and_bound(problem, infimum, 1e-5, never)
     assert infimum * (1 - 1e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
-    bound = prove(problem, within=1e-3, time_limit=20)
+    bound = prove(problem, within=1e-3, time_limit=HANG_S)
     assert bound.status == "proved"
     assert infimum * (1 - 1e-9) <= bound.upper_bound <= infimum * (1 + 1e-3)
 
@@ -292,7 +293,7 @@ def test_no_rows_of_extremal_motions_are_missing_and_none_is_false(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_no_bound_exceeds_a_certified_duration(seed):
     problem = limited_problem(seed, waypoints=3)
-    bound = prove(problem, within=1e-2, time_limit=20)
+    bound = prove(problem, within=1e-2, time_limit=HANG_S)
     stopping = RuckigStop().solve(problem).trajectory
     longest = verify(problem, stopping).certified_duration
     assert bound.lower_bound <= bound.upper_bound <= longest * (1 + 1e-9)
@@ -466,7 +467,7 @@ def test_a_damaged_proof_is_refused(proved, name, value):
 
 @pytest.mark.parametrize("name", ["prove", "certify"])  # stored trials may have the old name
 def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path, name):
-    planner = Prove(within=1e-3, time_limit=20.0)
+    planner = Prove(within=1e-3, time_limit=HANG_S)
     (trial,) = trials_of(planner, load("one-joint"), [0], name)
     folder.Store(tmp_path).write(trial)
     assert verification(tmp_path).holds
@@ -480,7 +481,7 @@ def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path, name):
 
 def test_the_optimum_s_own_costates_save_linear_programs() -> None:
     problem = load("topico-example5")
-    best = incumbent(problem, seconds=1.0)
+    best = incumbent(problem, seconds=HANG_S)
     assert best is not None
     target = best.duration / (1 + 1e-4)
     found = branch_and_bound(problem, target, 1e-4, never, best.trajectory)
@@ -504,7 +505,7 @@ def test_waypoints_that_rounding_may_miss_are_left_out() -> None:
     steps = 1e-9 * np.arange(1, 4)[:, None]
     dense = np.concatenate([clear.waypoints[:2], clear.waypoints[1] + steps, clear.waypoints[2:]])
     problem = replace(clear, waypoints=dense)
-    bound = prove(problem, time_limit=20.0)
+    bound = prove(problem, time_limit=HANG_S)
     assert bound.proof is not None
     assert proved_bound(problem, bound.proof) == bound.lower_bound
     assert len(bound.trajectory.waypoint_times) == len(dense)

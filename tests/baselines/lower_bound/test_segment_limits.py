@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from work import HANG_S
 
 from baselines.exact.acceleration.planner import Exact
 from baselines.lower_bound.planner import Prove
@@ -61,7 +62,7 @@ def checked(monkeypatch, capsys):
 @pytest.mark.parametrize(("seed", "repeated"), [(0, False), (1, True)])
 def test_the_optimum_is_proved_and_the_script_believes_no_more(checked, seed, repeated):
     problem = drawn(seed, repeated)
-    planner = Prove(within=1e-3, time_limit=20)
+    planner = Prove(within=1e-3, time_limit=HANG_S)
     found = planner.solve(problem)
     optimum = Exact().solve(problem).trajectory.duration
     assert optimum / (1 + 1e-3) <= found.lower_bound <= optimum * (1 + 1e-12)

@@ -1,0 +1,48 @@
+"""How much a call does, counted instead of timed: the same on a slow and on a busy machine."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+
+# A limit of time for a search or a child process that only ends a hang, and never decides a test.
+HANG_S = 600.0
+
+
+class TooMuch(BaseException):
+    """A call went beyond what it may do. No `except Exception` on the way catches it."""
+
+
+def calls(function: Callable[[], object], at_most: int) -> int:
+    """Return how many calls of functions, Python's and C's, a call makes.
+
+    Args:
+        function: Called once.
+        at_most: The number of calls at which it is ended.
+
+    Raises:
+        TooMuch: It makes more.
+    """
+    made = 0
+
+    def count(_frame: object, event: str, _argument: object) -> None:
+        nonlocal made
+        made += event in ("call", "c_call")
+        if made > at_most:
+            raise TooMuch(f"more than {at_most} calls")
+
+    before = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        function()
+    finally:
+        sys.setprofile(before)
+    return made
+
+
+def doubling(function: Callable[[int], object], size: int) -> float:
+    """Return how many times the calls are made at twice a size: 2 where work is in proportion."""
+    function(size)  # what the first call imports is no part of it
+    once, twice = (calls(partial(function, n), at_most=10_000_000) for n in (size, 2 * size))
+    return twice / once
