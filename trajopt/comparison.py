@@ -24,6 +24,7 @@ from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.run.tasks import Allowance, missing, tasks_of
+from trajopt.benchmark.store import unfinished
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, now
@@ -115,11 +116,15 @@ def compare(
     finished = len(done)
     report = reporter(progress)
     report(Progress(len(asked), finished, len(done)))
+    entrants = {own: task.profile.entrant.label for task in waiting for own in task.ids.values()}
+    if waiting:
+        unfinished.begin(store.folder, len(asked), entrants)
     with closing(runner.run(waiting, store, allowed, executor)) as run:
         for task, written in run:
             finished += len(task.seeds)
             seen.add(written)
             report(Progress(len(asked), finished, len(done)))
+    unfinished.end(store.folder)
     seen.judge_trials(trusted=executor is None and allowed.jobs > 0)
     if waiting or not store.is_current():
         store.restore(seen)

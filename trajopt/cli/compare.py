@@ -81,6 +81,7 @@ def compare(
     dask: Running[str | None] = None,
     prove: Planning[bool] = False,
     against: Planning[str | None] = None,
+    common: bool = False,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures.
 
@@ -93,6 +94,7 @@ def compare(
         dask: Address or file of a Dask scheduler to run the trials on.
         prove: Prove lower bounds too: same as --planner prove.
         against: Planner to test all others against; it is run too.
+        common: Show tables of only the problems that all planners answer.
     """
     if not problems and not suite:
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
@@ -125,7 +127,9 @@ def compare(
             progress=console.progress_line(),
             executor=executor,
         )
-    _show(results, loaded, output, rival)
+    shown = results.only(common=common)
+    names = {own.digest for own in shown.items}
+    _show(shown, [own for own in loaded if own.digest() in names], output, rival)
     return 0 if any(trial.is_answered for trial in results.items) else 1
 
 

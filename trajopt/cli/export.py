@@ -30,6 +30,8 @@ def export(
     to: Literal["csv", "parquet", "latex", "svg", "pdf"],
     out: Writing[Path | None] = None,
     output: Writing[Path | None] = None,
+    planner: list[str] | None = None,
+    common: bool = False,
     against: str | None = None,
     each_problem: bool = False,
 ) -> int:
@@ -40,6 +42,8 @@ def export(
         to: Trials as CSV or Parquet, tables in LaTeX, or the figures.
         out: File of csv or parquet; by default in the folder.
         output: Folder of latex, svg or pdf; by default in the folder.
+        planner: Write this planner and the references alone, repeated.
+        common: Write only the problems that all planners answer.
         each_problem: With svg and pdf: of several problems the figures of each one too.
         against: With latex: planner that all others are tested against in planners.tex.
     """
@@ -48,7 +52,7 @@ def export(
         right = "--output with a folder" if to in _FOLDERS else "--out with a file"
         raise InvalidInput(other, f"{right}, since --to is {to}", value=str(wrong))
     with kinds.reading(folder, "results"):
-        results = Results(folder)
+        results = Results(folder).only(planner or [], common=common)
     if to in _FOLDERS and not results.items:
         raise InvalidInput(str(folder), "at least one trial, for tables and figures of trials")
     path = out or output or beside(folder, _NAMES[to])

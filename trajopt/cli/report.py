@@ -15,6 +15,8 @@ from trajopt.views.results import Results
 def report(
     folder: Path,
     *others: Path,
+    planner: list[str] | None = None,
+    common: bool = False,
     out: Writing[Path | None] = None,
     trajectories: Annotated[
         int, whole_number("Problems shown with their trajectories.", least=0)
@@ -25,6 +27,8 @@ def report(
     Args:
         folder: Results folder of a comparison, or its results.h5.
         others: More of them, for one page about all.
+        planner: Show this planner and the references alone, repeated.
+        common: Show only the problems that all planners answer.
         out: By default report.html in the folder; of several, in this folder.
     """
     place = Path("report.html") if others else beside(folder, "report.html")
@@ -33,7 +37,7 @@ def report(
         with ExitStack() as stack:
             for one in folders:
                 stack.enter_context(kinds.reading(one, "results"))
-            results = Results.of(*folders)
+            results = Results.of(*folders).only(planner or [], common=common)
         file = page.write(
             results,
             out or place,

@@ -30,9 +30,11 @@ def text(results: Tables) -> str:
     """Return three lines: the numbers of trials, the smallest median gaps, and the next calls."""
     if not results.items:
         return NOTHING
-    gaps = results.planners()["gap"].head(MAX_PLANNERS)
-    best = [f"{label} {_percent(gap)}" for label, gap in gaps.items()]
-    return "\n".join([_counts(results), f"Median gap: {', '.join(best)}", _USES])
+    found = results.common()
+    best = [f"{label} {_percent(gap)}" for label, gap in found.gaps.head(MAX_PLANNERS).items()]
+    on = f" on the {len(found.problems)} problems that all answer" if found.every > 1 else ""
+    few = f" (not compared: {', '.join(found.left_out)})" if found.left_out else ""
+    return "\n".join([_counts(results), f"Median gap{on}: {', '.join(best)}{few}", _USES])
 
 
 def html(results: Tables) -> str:
@@ -61,7 +63,8 @@ def _counts(results: Tables) -> str:
     planners = trials["label"].nunique()
     solved = (trials["status"] == "solved").sum()
     counts = f"Results of {len(trials)} trials: {planners} planners on {said}, {solved} solved"
-    return ". ".join(filter(None, [counts, str(results.newest)]))
+    stopped = str(results.stopped or "")
+    return ". ".join(filter(None, [counts, stopped, str(results.newest)]))
 
 
 def _percent(gap: float) -> str:

@@ -31,7 +31,7 @@ def results() -> Results:
 def test_the_text_is_three_lines(results: Results) -> None:
     counts, gaps, uses = repr(results).splitlines()
     assert counts == "Results of 7 trials: 3 planners on 2 problems, 6 solved"
-    assert gaps == "Median gap: exact 0.00 %, mine +35.0 %, a<b none"
+    assert gaps == "Median gap on the 2 problems that all answer: mine +35.0 % (not compared: a<b)"
     for name in re.findall(r"(\w+)\(\)", uses):
         assert callable(getattr(results, name))
     assert repr(Results([])) == Results([])._repr_html_() == "Results of no trials"

@@ -29,15 +29,22 @@ def test_the_planners_are_held_against_a_rival(tmp_path):
     results = made()
     assert latex.rival(results) == "near"
     heading, exact, near, far = cells(latex.planners(results, "near"))
-    assert heading == ["planner", "solved", "gap (%)", "worst (%)", "rank", "shorter", "p (Holm)"]
-    assert exact == ["exact", "2 of 2", "+0.00", "+0.00", "1.00", "1.00", "1.000"]
-    assert near == ["near", "3 of 3", "+20.00", "+20.00", "2.00", "--", "--"]
+    assert heading == [
+        "planner",
+        "problems",
+        "solved",
+        "gap (%)",
+        "worst (%)",
+        *("rank", "shorter", "p (Holm)"),
+    ]
+    assert exact == ["exact", "2", "2 of 2", "+0.00", "+0.00", "1.00", "1.00", "1.000"]
+    assert near == ["near", "2", "3 of 3", "+20.00", "+20.00", "2.00", "--", "--"]
     # medians 2.65 and 6: 32.5 % and 50 %. One of two runs is shorter on the first, none on the
     # second; both problems are of one group, so that the signs of a test are one coin.
-    assert far == ["far", "3 of 3", "+41.25", "+50.00", "3.00", "0.25", "1.000"]
+    assert far == ["far", "2", "3 of 3", "+41.25", "+50.00", "3.00", "0.25", "1.000"]
     latex.write(results, tmp_path, "far")
     written = (tmp_path / "planners.tex").read_text(encoding="utf-8")
-    assert cells(written)[3][5:] == ["--", "--"]
+    assert cells(written)[3][6:] == ["--", "--"]
     assert sorted(file.name for file in tmp_path.iterdir()) == [
         "planners.tex",
         "summary.tex",
@@ -56,7 +63,13 @@ def test_ranks_that_no_planner_has_are_no_column():
     results = Results([*run("exact", 2.0), *run("near", 2.4, 2.4), *run("near", 4, problem=OTHER)])
     text = latex.planners(results, "near")
     heading, *_ = cells(text)
-    assert heading == ["planner", "solved", "gap (%)", "worst (%)", "shorter", "p (Holm)"]
+    assert heading == [
+        "planner",
+        "problems",
+        "solved",
+        "gap (%)",
+        *("worst (%)", "shorter", "p (Holm)"),
+    ]
     assert "% no mean rank: fewer than three planners were run on every problem" in text
 
 

@@ -77,9 +77,10 @@ def test_a_profile_steps_at_the_ratios() -> None:
     assert profile(durations[[]]) == {}
 
 
-def test_a_problem_on_which_a_planner_does_not_compete_does_not_count_for_it() -> None:
+def test_all_shares_are_of_the_same_problems() -> None:
+    """`b` refuses the second problem: it climbs to half of them, not to all of its own."""
     durations = pd.DataFrame({"a": [1.0, 2.0], "b": [2.0, np.nan]})
-    assert set(profile(durations)["b"][1]) == {0.0, 1.0}
+    assert set(profile(durations)["b"][1]) == {0.0, 0.5}
     assert set(profile(durations, pd.Series([0.5, 2.0]))["a"][1]) == {0.5, 1.0}
 
 

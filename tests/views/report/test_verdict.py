@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
+import numpy as np
 import pytest
 from markupsafe import Markup
+from trials import as_runs
 
-from trajopt import Limits, Problem, Results, compare
+from trajopt import Limits, Problem, Results, Solution, Status, Trajectory, compare
+from trajopt.benchmark.store import unfinished
 from trajopt.benchmark.trial import trials_of
+from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.views import report
 from trajopt.views.report import verdict
@@ -75,3 +81,119 @@ def test_options_stand_in_brackets():
     assert verdict._spoken("pso:iterations=60") == "PSO (iterations=60)"
     assert verdict._spoken("spline353-nlp") == "best 3-5-3 spline"
     assert verdict._spoken("mine") == "mine"
+
+
+@dataclass(frozen=True)
+class Slow(Planner):
+    """A cubic from rest to rest in `duration` s; it fails on displacements in `fails`."""
+
+    duration: float
+    fails: tuple[float, ...] = ()
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        h = float(problem.displacements[0, 0])
+        if h in self.fails:
+            return Solution(Status.FAILED, message="gave up")
+        t = self.duration
+        cubic = np.reshape([-2 * h / t**3, 3 * h / t**2, 0.0, 0.0], (4, 1, 1))
+        return Solution(Status.SOLVED, Trajectory([0, t], cubic, [0, t]))
+
+
+# h rad at 10 rad/s and 4 rad/s² take √h s; a cubic's peak acceleration is 6 h/T²
+STEPS = [Problem([[0.0], [h]], Limits([10.0], [4.0]), f"{h:g} rad") for h in (1.0, 4.0, 9.0)]
+
+
+def ran(planners, problems=STEPS):
+    trials = []
+    for problem in problems:
+        for name, planner in planners.items():
+            trials += as_runs(trials_of(planner, problem, [0], name), name)
+    return trials
+
+
+REFERENCE = {"exact": load("exact")}
+
+
+def test_medians_are_compared_on_the_problems_that_all_answer():
+    """`near` takes 4.5, 2.25 and 1.5 times the optimum; the first is one that `far` fails on."""
+    planners = REFERENCE | {"near": Slow(4.5), "far": Slow(6.0, (1.0,))}
+    said = verdict.of_suite(Results(ran(planners)))
+    # gaps on 4 and 9 rad: near 1.25 and 0.5, far 2 and 1
+    assert said == (
+        "Failed: far (1 of 3 runs). On the 2 problems that all of these answer, the median gap to "
+        "the optimum is: near +87.5 %, far +150.0 %."
+    )
+
+
+def test_who_is_slowed_down_is_named():
+    """A cubic of 1 s over 1, 4 and 9 rad has 6, 24 and 54 rad/s² where 4 are allowed."""
+    said = verdict.of_suite(Results(ran(REFERENCE | {"rash": Slow(1.0)})))
+    assert said.startswith(f"Slowed down to keep the limits: rash (3 of 3 runs, × {6**0.5:.4g}).")
+    assert "On the 3 problems that it answers" in said
+
+
+def test_a_planner_of_few_problems_is_named_and_not_compared():
+    trials = ran(REFERENCE | {"near": Slow(4.5)})
+    trials += as_runs(trials_of(Slow(3.0), STEPS[0], [0], "seldom"), "seldom")
+    said = verdict.of_suite(Results(trials))
+    assert said.startswith("Not run on all problems: seldom (1 of 3). On the 3 problems")
+    assert said.endswith("Not compared, with too few answers: seldom (1 of 3).")
+
+
+def test_all_solved_needs_one_sentence():
+    said = verdict.of_suite(Results(ran(REFERENCE | {"a": Slow(6.0), "b": Slow(9.0)})))
+    assert said == (
+        "On the 3 problems that all of these answer, the median gap to the optimum is: "
+        "a +200.0 %, b +350.0 %."
+    )
+
+
+def test_a_user_s_own_planners_are_named_however_far(one):
+    mine = ran({f"mine{n}": Slow(99.0 + n) for n in range(6)}, [one.items[0].problem])
+    said = verdict.of_problem(Results([*one.items, *mine]))
+    assert all(f"mine{n}" in said for n in range(6))
+
+
+def test_a_stopped_run_says_what_is_missing(tmp_path):
+    """Two of three planners ran; the file that a run leaves behind names the third."""
+    found = compare(STEPS, [("near", Slow(4.5))], tmp_path, jobs=1)
+    assert Results(tmp_path).stopped is None
+    waiting = {trial.id: trial.label for trial in found.items}
+    unfinished.begin(tmp_path, 9, waiting | {f"not there {n}": "toppra" for n in range(3)})
+    said = verdict.of_suite(Results(tmp_path))
+    assert said.startswith(
+        "The last run has not ended: 6 of 9 trials are there. Missing: toppra 3."
+    )
+    assert "6 of 9" in repr(Results(tmp_path))
+    (tmp_path / unfinished.FILE).write_text("[1, 2]", encoding="utf-8")
+    assert Results(tmp_path).stopped is None
+
+
+def test_a_run_that_is_stopped_leaves_its_file_and_the_next_one_removes_it(tmp_path):
+    def stop(state):
+        if state.finished == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compare(STEPS, [("near", Slow(4.5))], tmp_path, jobs=1, progress=stop)
+    stopped = Results(tmp_path).stopped
+    assert stopped.total == 6
+    assert 0 < sum(stopped.missing.values()) <= 4
+    compare(STEPS, [("near", Slow(4.5))], tmp_path, jobs=1)
+    assert Results(tmp_path).stopped is None
+
+
+def test_results_of_some_planners_and_of_common_problems():
+    trials = ran(
+        REFERENCE | {"near": Slow(4.5), "far": Slow(6.0, (1.0,)), "no": Slow(1, (1, 4, 9))}
+    )
+    results = Results(trials)
+    assert set(results.only(["far"]).planners().index) == {"exact", "far"}
+    shown = results.only(["far", "near"], common=True)
+    assert set(shown.trials()["problem"]) == {"4 rad", "9 rad"}
+    gaps = shown.planners()["gap"]
+    assert gaps["near"] == pytest.approx(0.875)
+    with pytest.raises(UnknownName, match="nobody"):
+        results.only(["nobody"])
+    with pytest.raises(InvalidInput, match="no 0 of 3, far 2 of 3, near 3 of 3"):
+        results.only(common=True)

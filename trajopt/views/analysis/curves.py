@@ -25,7 +25,7 @@ def everywhere(durations: pd.DataFrame) -> list[str]:
 
 
 def counted(durations: pd.DataFrame) -> dict[str, str]:
-    """Return on how many problems each planner competes, for those that do not on all."""
+    """Return how many problems each planner does not refuse, for those that refuse some."""
     every = len(durations)
     counts = durations.notna().sum()
     return {str(label): f"{n} of {every}" for label, n in counts.items() if n < every}
@@ -34,18 +34,20 @@ def counted(durations: pd.DataFrame) -> dict[str, str]:
 def profile(durations: pd.DataFrame, shortest: pd.Series[float] | None = None) -> Curves:
     """Share of problems solved within `x` times the shortest duration (Dolan and Moré 2002).
 
+    All shares are of the same problems, so that curves can be compared. A planner that refuses a
+    problem is not within any factor on it.
+
     Args:
-        durations: columns of `pairwise.medians`, s. NaN where a planner does not compete: the
-            problem does not count for it.
+        durations: columns of `pairwise.medians`, s. NaN where a planner does not compete.
         shortest: the shortest certified duration of any planner, s, by problem; by default the
             shortest of `durations`.
     """
     best = durations.min(axis=1) if shortest is None else shortest
-    competing = {str(label): durations[label].dropna() for label in durations}
+    costs = durations.fillna(np.inf)
     pairs = {
-        label: np.stack([own, best[own.index]], axis=-1)
-        for label, own in competing.items()
-        if len(own)
+        str(label): np.stack([costs[label], best[costs.index]], axis=-1)
+        for label in durations
+        if durations[label].notna().any()
     }
     if not pairs:
         return {}
@@ -60,7 +62,8 @@ def profile(durations: pd.DataFrame, shortest: pd.Series[float] | None = None) -
 def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
     """Return the share of problems within a gap of `x` %: of each, the share of its runs.
 
-    Gaps below `GAP_FLOOR` are drawn at `GAP_FLOOR`.
+    All shares are of the same problems, those with a known optimum; a planner that refuses one is
+    within no gap on it. Gaps below `GAP_FLOOR` are drawn at `GAP_FLOOR`.
 
     Args:
         gaps: `overview.measured(Results.gaps())`; problems without a reference are left out.
@@ -68,6 +71,7 @@ def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
     """
     known = gaps[gaps["reference"].notna()]
     by_problem = {}
+    every = known["digest"].nunique()
     worst = 1.0
     for label in labels:
         own = known[known["label"] == label]
@@ -75,7 +79,8 @@ def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
         drawn = np.maximum(percent, GAP_FLOOR)  # NaN stays NaN
         if len(own):
             problems = drawn.groupby(own["digest"])
-            by_problem[label] = [runs.to_numpy() for _, runs in problems]
+            found = [runs.to_numpy() for _, runs in problems]
+            by_problem[label] = found + [np.array([np.nan])] * (every - len(found))
             worst = np.nanmax(drawn.to_numpy(), initial=worst)
     return mean_shares(by_problem, np.geomspace(GAP_FLOOR, 1.1 * worst, POINTS))
 

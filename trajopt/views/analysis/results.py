@@ -24,14 +24,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.benchmark.store import fields
+from trajopt.benchmark.store import fields, unfinished
 from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.store.unfinished import Stopped
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.solution import Status
-from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
+from trajopt.explain.references import BUG_RTOL, PROVERS, REFERENCES, REFINED_RTOL
 from trajopt.views.analysis import pairwise, searches
+from trajopt.views.analysis.common import Common, common
 from trajopt.views.analysis.gap_reference import OPTIMA, references
 from trajopt.views.analysis.overview import competing, overview
 from trajopt.views.analysis.versions import Kept, Newest, by_problem, newest
@@ -46,6 +48,7 @@ _REFERENCE_COLUMNS: dict[str, Any] = {
     "recorded": "str",
     "recorded_proof": "str",
 }
+_REFERENCES = {*REFERENCES, *PROVERS}
 _OF_A_LINE = ["problem", "digest", "label"]  # shared by the trials of a line
 
 
@@ -56,6 +59,7 @@ class Tables:
     Args:
         source: the trials, or the path of a results folder, a `results.h5` or a trial file.
         kept: which of them are from an earlier run.
+        stopped: how many of them a run that was stopped did not reach; of a folder, what it states.
 
     Raises:
         StoreError: naming the file, if it cannot be read.
@@ -63,19 +67,78 @@ class Tables:
 
     newest: Newest
     kept: Kept | None
+    stopped: Stopped | None
 
-    def __init__(self, source: Sequence[Trial] | Path | str, *, kept: Kept | None = None) -> None:
-        found = store.read(source) if isinstance(source, str | Path) else source
+    def __init__(
+        self,
+        source: Sequence[Trial] | Path | str,
+        *,
+        kept: Kept | None = None,
+        stopped: Stopped | None = None,
+    ) -> None:
+        if isinstance(source, str | Path):
+            found: Sequence[Trial] = store.read(source)
+            stopped = unfinished.read(Path(source), found)
+        else:
+            found = source
         object.__setattr__(self, "newest", newest(found))
         object.__setattr__(self, "kept", kept)
+        object.__setattr__(self, "stopped", stopped)
 
     @classmethod
     def of(cls, *sources: Path | str) -> Self:
         """Put the trials of several results folders or files together, each trial once."""
+        parts = [cls(source) for source in sources]
+        if len(parts) == 1:
+            return parts[0]
         trials: list[Trial] = []
         for source in sources:
             trials += store.read(source)
-        return cls(trials)
+        stopped = [part.stopped for part in parts if part.stopped]
+        return cls(trials, stopped=Stopped.together(stopped) if stopped else None)
+
+    def only(self, planners: Sequence[str] = (), *, common: bool = False) -> Self:
+        """Return the results of some planners, or on the problems that all planners answer.
+
+        The references stay, since gaps are measured against them; they need not answer.
+
+        Args:
+            planners: By their names with options, or by their names alone for all of their options;
+                by default all.
+            common: Whether to leave out the problems that some planner does not answer.
+
+        Raises:
+            UnknownName: No trial is of such a planner.
+            InvalidInput: There is no problem that all of them answer.
+        """
+        names = [{own.label, own.label.partition(":")[0]} for own in self.items]
+        for label in planners:
+            if not any(label in own for own in names):
+                known = {own.label for own in self.items}
+                raise UnknownName("planner of these trials", label, known)
+        wanted = {*planners, *_REFERENCES}
+        pairs = zip(self.items, names, strict=True)
+        trials = [trial for trial, own in pairs if not planners or own & wanted]
+        shown = type(self)(trials, kept=self.kept, stopped=self.stopped)
+        if not common:
+            return shown
+        found = shown.common()
+        if not found.problems or found.left_out:
+            counts = found.answered.sort_values(kind="stable").items()
+            few = ", ".join(f"{label} {count} of {found.every}" for label, count in counts)
+            right = "planners that all answer some problem with a known optimum"
+            raise InvalidInput("planners", right, value=few)
+        own = [trial for trial in trials if trial.digest in found.problems]
+        return type(self)(own, kept=self.kept, stopped=self.stopped)
+
+    def common(self) -> Common:
+        """Return the planners that can be compared with each other, and on which problems.
+
+        The references are not among them, unless there are no other planners.
+        """
+        labels = list(self.planners().index)
+        others = [label for label in labels if label.partition(":")[0] not in _REFERENCES]
+        return common(self._gaps, others or labels)
 
     @property
     def items(self) -> Sequence[Trial]:

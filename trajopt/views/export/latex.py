@@ -24,7 +24,15 @@ from trajopt.views import table_cells
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Tables
 
-_PLANNERS = {"solved": "solved", "gap": "gap (\\%)", "worst": "worst (\\%)", "rank": "rank"}
+_PLANNERS = {
+    "problems": "problems",
+    "not_applicable": "n/a",
+    "solved": "solved",
+    "gap": "gap (\\%)",
+    "there": "there (\\%)",
+    "worst": "worst (\\%)",
+    "rank": "rank",
+}
 _TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "$p$ (Holm)")
 _OVER_PROBLEMS = ("better", "tied", "worse")
 _SUMMARY = (
@@ -83,7 +91,10 @@ def rival(results: Tables) -> str:
 
 
 def planners(results: Tables, against: str) -> str:
-    """A line per planner: solved, gaps, mean rank; chance of a shorter run than a rival's, and p.
+    """A line per planner: problems, solved, gaps, mean rank; chance of a shorter run, and p.
+
+    Lines of different problems have the column `there`, as in the terminal. The chance is that of a
+    shorter run than a rival's.
 
     p is of Wilcoxon's test over the problems, or on one problem of Mann and Whitney's over runs,
     adjusted for the rows of this table (Holm 1979), and missing where a proved bound decides.
@@ -96,6 +107,13 @@ def planners(results: Tables, against: str) -> str:
         f"% p: of that test, adjusted for the {_tested(rivals)} tests here; in tests.tex for all",
     ]
     headings = dict(_PLANNERS)
+    if table["there"].nunique() > 1:
+        yardstick = _plain(table["yardstick"].iloc[0])
+        said.append(f"% there: the gap of {yardstick} on the problems that this line is about")
+    else:
+        del headings["there"]
+    if not table["not_applicable"].any():
+        del headings["not_applicable"]
     if table["rank"].isna().all():
         del headings["rank"]
         said += ["% no mean rank: fewer than three planners were run on every problem"]

@@ -78,8 +78,7 @@ def _order(trials: Sequence[Trial]) -> list[str]:
 def of_suite(results: Tables) -> Iterator[Picture]:
     """Yield the figures of all problems, a column wide: `profile`, `gaps` and `anytime-…`.
 
-    In the first two are planners that were run on every problem, each over the problems on which it
-    competes (`overview.competing`).
+    In the first two are planners that were run on every problem, all over the same problems.
     """
     from trajopt.views.figures import suite
 

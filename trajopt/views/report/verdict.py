@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from io import StringIO
 from math import isfinite, isnan
 from typing import Any
 
+import pandas as pd
+
 from trajopt.benchmark.best_known.records import CLOSED_WITHIN
 from trajopt.benchmark.trial import Trial
+from trajopt.core.solution import Status
 from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.views import table_cells
+from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.results import Line, Tables
 from trajopt.views.figures import draw
 from trajopt.views.figures.draw import LOOKED_FOR
 from trajopt.views.figures.style import SPOKEN
 
-NAMED = 4  # planners that a sentence names at most
+NAMED = 4  # planners that a sentence compares at most, besides a user's own
+LISTED = 6  # planners that a sentence lists at most
+DISTRIBUTION = "mintime"  # that this package's planners come with
 
 
 def of_problem(results: Tables) -> str:
-    """Return how far planners are above the optimum: "toppra 8.3 %, issa 190.9 % (median)"."""
+    """Return how far planners are above the optimum: "toppra 8.3 %, issa 190.9 % (median)".
+
+    What is missing, has failed or is slowed down comes first.
+    """
+    return " ".join([*_caveats(results), _above_optimum(results)])
+
+
+def _above_optimum(results: Tables) -> str:
     lines = results.lines()
-    compared = [line for line in lines if _name(line) not in {*REFERENCES, *PROVERS}]
-    answered = [line for line in compared if isfinite(line.gap)]
+    answered = [line for line in lines if _competes(line.label) and isfinite(line.gap)]
     first = lines[0]
     if first.kind is None:
         return "No optimum is known for this problem, so gaps are unknown."
@@ -33,20 +45,106 @@ def of_problem(results: Tables) -> str:
         optimum = f"the proved {known}"
     if not answered:
         return f"No other planner has an answer; the optimum is {optimum.removeprefix('the ')}."
-    return f"{', '.join(_above(line) for line in _named(answered))} above {optimum}."
+    named = _named([line.label for line in answered], _own(results))
+    said = [_above(line) for line in answered if line.label in named]
+    return f"{', '.join(said)} above {optimum}{_more(len(answered) - len(said))}."
 
 
-def _named(lines: Sequence[Line]) -> list[Line]:
-    """Return the lines of a sentence, by gap: other people's planners, and those looked for."""
-    wanted = [line for line in lines if _name(line) in LOOKED_FOR]
-    others = [line for line in lines if _name(line) not in LOOKED_FOR]
-    chosen = (wanted + others)[:NAMED]
-    return sorted(chosen, key=lambda line: line.gap)
+def of_suite(results: Tables) -> str:
+    """Return what is missing or has failed, then median gaps on the problems that all answer."""
+    return " ".join([*_caveats(results), *_compared(results)])
 
 
-def _name(line: Line) -> str:
+def _compared(results: Tables) -> Iterator[str]:
+    """Yield the sentences that compare planners on the same problems."""
+    found = results.common()
+    if found.gaps.empty:
+        yield "No optimum is known for these problems, so gaps are unknown."
+        return
+    labels = [str(label) for label in found.gaps.index]
+    named = _named(labels, _own(results))
+    said = [
+        f"{_spoken(own)} {table_cells.percent(found.gaps[own])}" for own in labels if own in named
+    ]
+    count = len(found.problems)
+    on = f"On the {count} problems" if count > 1 else "On the one problem"
+    who = "all of these answer" if len(labels) > 1 else "it answers"
+    more = _more(len(labels) - len(said))
+    yield f"{on} that {who}, the median gap to the optimum is: {', '.join(said)}{more}."
+    few = [f"{_spoken(own)} ({found.answered[own]} of {found.every})" for own in found.left_out]
+    if few:
+        yield f"Not compared, with too few answers: {_listed(few)}."
+
+
+def _caveats(results: Tables) -> Iterator[str]:
+    """Yield what comes first: what a stopped run misses, who failed, and who is slowed down."""
+    if results.stopped:
+        yield str(results.stopped)
+    trials = results.trials()
+    trials = trials[trials["label"].map(_competes)]
+    own = _own(results)
+    every = results.trials()["digest"].nunique()
+    ran = trials.groupby("label")["digest"].nunique()
+    partly = {label: f"{count} of {every}" for label, count in ran.items() if count < every}
+    yield from _sentence("Not run on all problems", partly, own)
+    tried = competing(trials)
+    solved = tried["status"] == str(Status.SOLVED)
+    slow = solved & ~tried["feasible"] & (tried["dilation"] >= 1 + table_cells.ROUNDING)
+    yield from _sentence("Failed", _counts(tried, ~solved), own)
+    slower = tried[slow].groupby("label")["dilation"].median()
+    counts = _counts(tried, slow)
+    by = {label: f"{said}, × {slower[label]:.4g}" for label, said in counts.items()}
+    yield from _sentence("Slowed down to keep the limits", by, own)
+
+
+def _counts(trials: pd.DataFrame, are: pd.Series[bool]) -> dict[Hashable, str]:
+    """Say how many of each planner's runs are so; nothing of those that have none."""
+    every = trials.groupby("label").size()
+    some = trials[are].groupby("label").size()
+    return {label: f"{count} of {every[label]} runs" for label, count in some.items()}
+
+
+def _sentence(what: str, said: Mapping[Hashable, str], own: Collection[str]) -> Iterator[str]:
+    """Yield a sentence that names planners, a user's own ones first; none without any."""
+    labels = sorted(map(str, said), key=lambda label: (label not in own, label))
+    if labels:
+        yield f"{what}: {_listed([f'{_spoken(label)} ({said[label]})' for label in labels])}."
+
+
+def _listed(said: Sequence[str]) -> str:
+    shown = [*said[:LISTED], *([f"{len(said) - LISTED} more"] if len(said) > LISTED else [])]
+    return ", ".join(shown)
+
+
+def _named(labels: Sequence[str], own: Collection[str]) -> set[str]:
+    """Choose the planners that a sentence names, of some in order of their gaps.
+
+    A user's own planners are named, then those that are looked for, then the best.
+    """
+    first = [label for label in labels if label in own]
+    wanted = [label for label in labels if _name(label) in LOOKED_FOR]
+    most = max(NAMED, len(first))
+    return set(list(dict.fromkeys([*first, *wanted, *labels]))[:most])
+
+
+def _more(count: int) -> str:
+    return f", and {count} more below" if count > 0 else ""
+
+
+def _own(results: Tables) -> set[str]:
+    """Return the planners that do not come with this package."""
+    made = {own.label: own.provenance.get("planner_distribution", "") for own in results.items}
+    return {label for label, distribution in made.items() if distribution != DISTRIBUTION}
+
+
+def _competes(label: str) -> bool:
+    """Return whether a planner is compared with the optimum, and is no reference itself."""
+    return _name(label) not in {*REFERENCES, *PROVERS}
+
+
+def _name(label: str) -> str:
     """Return the planner's name, without its options."""
-    return str(line.label).partition(":")[0]
+    return label.partition(":")[0]
 
 
 def _above(line: Line) -> str:
@@ -59,21 +157,6 @@ def _spoken(label: str) -> str:
     name, _, options = label.partition(":")
     spoken = SPOKEN.get(name, name).removesuffix(" + 3-5-3")
     return f"{spoken} ({options})" if options else spoken
-
-
-def of_suite(results: Tables) -> str:
-    """Return the median gaps of the planners over the problems that they answer."""
-    references = {*REFERENCES, *PROVERS}
-    rows = [row for row in results.planners().itertuples() if isfinite(row.gap)]
-    compared = [row for row in rows if str(row.Index).partition(":")[0] not in references] or rows
-    if not rows:
-        return "No optimum is known for these problems, so gaps are unknown."
-    said = []
-    for row in compared[:NAMED]:
-        problems = f"{row.counted} problem{'s' if row.counted > 1 else ''}"
-        said.append(f"{_spoken(row.Index)} {table_cells.percent(row.gap)} ({problems})")
-    more = f", and {len(compared) - NAMED} more below" if len(compared) > NAMED else ""
-    return f"Median gap to the optimum: {', '.join(said)}{more}."
 
 
 def durations(results: Tables, labels: Sequence[str]) -> list[dict[str, Any]]:
