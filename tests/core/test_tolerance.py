@@ -87,7 +87,9 @@ def test_waypoints_of_one_instant_are_one_place(off):
     limits = Limits([1.0, 1.0], [1.0, 1.0])
     straight = Exact().solve(Problem([[0.0, 0.0], [2.0, 2.0]], limits)).trajectory
     at = straight(straight.duration / 2)
-    waypoints = np.array([[0.0, 0.0], at + [0.1, -0.1 + off], at + [-0.1 - off, 0.1], [2.0, 2.0]])
+    waypoints = np.array(
+        [[0.0, 0.0], np.add(at, [0.1, -0.1 + off]), np.add(at, [-0.1 - off, 0.1]), [2.0, 2.0]]
+    )
     problem = Problem(waypoints, limits, tolerance=[[0, 0], [0.1, 0.1], [0.1, 0.1], [0, 0]])
     half, whole = straight.duration / 2, straight.duration
     certificate = verify(problem, replace(straight, waypoint_times=[0.0, half, half, whole]))
