@@ -207,7 +207,7 @@ def counted(cases: int, seed: int, joints: int = JOINTS) -> pd.DataFrame:
     with progress(cases, "logs") as advance:
         for number in range(cases):
             own = case(np.random.default_rng([seed, number]), joints)
-            found = evidence(own.log, own.limits, noise=own.noise, window=np.inf)
+            found = evidence(own.log, own.limits, window=np.inf)
             shown = max(told.window for told in found.limits.values())
             rows.append(
                 {
@@ -218,7 +218,7 @@ def counted(cases: int, seed: int, joints: int = JOINTS) -> pd.DataFrame:
                     "decimals": own.log.decimals[0],
                     "rate": own.rate,
                     "noise": own.noise,
-                    "velocities": own.log.velocities is not None and not own.noise,
+                    "velocities": own.log.velocities is not None,
                     "broken": found.verdict == "broken",
                     "raw": max(told.spline for told in found.limits.values()) > 1,
                     **{

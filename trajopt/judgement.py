@@ -219,13 +219,15 @@ def judge(
     interpolation: Interpolation = "auto",
     via_tolerance: float = 0.0,
     unit: str | None = None,
-    noise: float = 0.0,
+    noise: float | None = None,
+    resolution: float | None = None,
+    commanded: bool | None = None,
     window: float = DEFAULT_WINDOW_S,
 ) -> Judgement:
     """Judge a motion against a problem (docs/mathematics.md, section 10).
 
-    A log, whose digits are too coarse to determine its derivatives, gets the verdict of
-    `trajopt.benchmark.logs` in the answer's `evidence`.
+    A log, whose positions are not known well enough to determine its derivatives, gets the verdict
+    of `trajopt.benchmark.logs` in the answer's `evidence`.
 
     Waypoint times are those of the closest approach to each waypoint, in order. With a tolerance, a
     waypoint that no joint misses by more is moved to where the motion passes. That is done only if
@@ -241,7 +243,10 @@ def judge(
         via_tolerance: largest miss of a waypoint by each joint, rad. It must be less than half of
             any segment; otherwise one instant might pass two waypoints.
         unit: units of a CSV's columns whose header says none, like "deg" or "deg,mm,ms".
-        noise: standard deviation of a log's positions, rad.
+        noise: standard deviation of the noise of a log's positions, rad; by default it is found.
+        resolution: step of the sensors of a log, rad; by default it is found.
+        commanded: whether a log's positions were sent, not measured, so that they are known to
+            their digits; by default the columns' names and the format say it.
         window: a log is `kept` only if a mean excess of 5 % over this time, s, is excluded.
 
     Raises:
@@ -259,11 +264,12 @@ def judge(
     _check_tolerance(asked, via_tolerance)
     told = None
     if interpolation in AS_LOG:
-        told = evidence_of(given, asked.limits, LogOptions(noise, window))
+        options = LogOptions(noise, resolution, commanded, window)
+        told = evidence_of(given, asked.limits, options)
     at_rest = told is None or told.at_rest
     if told is not None and told.motion is not None and at_rest:
         times = passing(asked, told.motion).waypoint_times
-        told = through(told, asked.limits, times, asked.waypoints)
+        told = through(told, times, asked.waypoints)
     within = told and told.motion
     trajectory = passing(asked, within or given.trajectory)
     certificate = verify(asked, trajectory, at_rest=at_rest)

@@ -33,14 +33,6 @@ def test_no_number_is_farther_from_what_was_written_than_half_a_digit(form, half
     assert np.median(found / expected) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("step", [0.001, 2 * np.pi / 4096, 0.01])
-def test_a_sensor_s_step_counts_where_it_is_coarser_than_the_digits(step):
-    texts, values = column(np.round(SMOOTH / step) * step, "%.6f".__mod__)
-    found, decimals = half_digits(texts, values)
-    assert decimals == 6
-    assert found == pytest.approx(step / 2, rel=1e-3)
-
-
 def read(tmp_path, lines, header="time [s],q [deg]"):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([header, *lines]) + "\n")

@@ -171,9 +171,11 @@ def test_a_motion_that_does_not_rest_where_a_velocity_was_read_is_not_at_rest():
 
 
 def log(columns, decimals, dt=0.002, **more):
+    """A log of commands: its digits are all that is unknown."""
     q = np.stack([np.round(column, decimals) for column in columns], axis=1)
     half = np.full(q.shape, 0.5 * 10.0**-decimals)
-    return Log(dt * np.arange(len(q)), q, half, decimals=[decimals] * len(columns), **more)
+    known = {"decimals": [decimals] * len(columns), "commanded": True, **more}
+    return Log(dt * np.arange(len(q)), q, half, **known)
 
 
 def test_a_lawful_log_is_kept_and_its_motion_stays_within_the_digits():
@@ -222,7 +224,9 @@ def test_rounded_times_convict_no_innocent_log():
     """A bang-bang motion at exactly its limits, 1/60 s apart, stamps with three decimals."""
     t = np.arange(61) / 60
     q = np.where(t < 0.5, 2 * t**2, 1 - 2 * (1 - t) ** 2)
-    stamped = Log(np.round(t, 3), np.round(q, 5)[:, None], np.full((61, 1), 5e-6), 5e-4, [5])
+    stamped = Log(
+        np.round(t, 3), np.round(q, 5)[:, None], np.full((61, 1), 5e-6), 5e-4, [5], commanded=True
+    )
     limits = Limits([2], [4])
     assert evidence(replace(stamped, time_half_digit=0.0), limits).verdict == "broken"
     assert evidence(stamped, limits).verdict != "broken"
@@ -233,10 +237,17 @@ def test_rounded_times_convict_no_innocent_log():
 def test_noise_convicts_no_innocent_log(seed):
     _, q = quintic(0.6)
     noisy = q + np.random.default_rng(seed).normal(0, 1e-4, len(q))
-    own = log([noisy], 6)
-    assert evidence(own, Limits([2], [10])).verdict == "broken"  # noise taken for motion
-    assert evidence(own, Limits([2], [10]), noise=1e-4).verdict == "kept"
-    assert evidence(own, Limits([0.9], [10]), noise=1e-4).verdict == "broken"
+    sent = log([noisy], 6)
+    own = replace(sent, commanded=False)
+    lawful, broken = Limits([2], [10]), Limits([0.9], [10])
+    assert evidence(sent, lawful).verdict == "broken"  # it was sent with that noise
+    for noise in (None, 1e-4):
+        assert evidence(own, lawful, noise=noise).verdict == "kept"
+        assert evidence(own, broken, noise=noise).verdict == "broken"
+    assert evidence(own, lawful, noise=0.0).verdict == "broken"  # as was stated
+    (known,) = evidence(own, lawful).joints
+    assert 1e-4 < known.known.noise < 1.3e-4
+    assert known.known.seen
 
 
 def test_a_position_beyond_its_limit_is_a_proof():
@@ -253,7 +264,7 @@ def test_the_motion_passes_the_waypoints():
     s = times
     waypoints = (0.6 * (10 * s**3 - 15 * s**4 + 6 * s**5))[:, None]
     limits = Limits([2], [10], [100])
-    found = passing(evidence(log([q], 4), limits), limits, times, waypoints)
+    found = passing(evidence(log([q], 4), limits), times, waypoints)
     assert found.verdict == "kept"
     assert np.abs(found.motion(times) - waypoints).max() < 1e-6
 
@@ -302,8 +313,9 @@ def test_what_only_the_velocities_show_is_proved_and_said_to_be_theirs():
     assert found.as_dict()["by_positions"] == "cannot be told"
     lawful = evidence(own, Limits([4], [13.001]))
     assert (lawful.verdict, lawful.by_positions) == ("kept", None)
-    assert np.abs(lawful.motion(t, 1)[:, 0] - v).max() <= 1e-3
-    assert evidence(own, limits, noise=1e-4).verdict == "cannot be told"  # without velocities
+    noise = np.random.default_rng(1).normal(0, 1, t.shape)
+    wrong = replace(own, velocities=own.velocities + 0.1 * noise[:, None])
+    assert evidence(wrong, limits).verdict == "cannot be told"  # they are known to less
 
 
 def test_position_limits_hold_between_samples_too():

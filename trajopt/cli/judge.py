@@ -17,6 +17,7 @@ from trajopt.cli import asked, console, evidence_words
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import (
+    Commanded,
     Force,
     InterpolationName,
     Json,
@@ -24,6 +25,7 @@ from trajopt.cli.parameters import (
     MotionFile,
     Noise,
     ProblemName,
+    Resolution,
     Window,
     Writing,
     number,
@@ -54,7 +56,9 @@ def judge(
     via_tolerance: Annotated[
         float, number("How far each joint may miss a waypoint, rad (m).", least=0)
     ] = 0.0,
-    noise: Noise = 0.0,
+    noise: Noise = None,
+    resolution: Resolution = None,
+    commanded: Commanded = None,
     window: Window = DEFAULT_WINDOW_S,
     out: LogOut = None,
     force: Force = False,
@@ -87,6 +91,8 @@ def judge(
             via_tolerance=via_tolerance,
             unit=motion_unit,
             noise=noise,
+            resolution=resolution,
+            commanded=commanded,
             window=window,
         )
     told = found.without_jerk or found
@@ -97,8 +103,8 @@ def judge(
         console.warn_of_bug(f"{told.motion.name} on {told.problem.name} is {below}")
     code = 1 if found.broken or found.certificate.flaws else 0
     if json:
-        console.print_json(found.as_dict())
         write_log_motion(out, found, quiet=True)
+        console.print_json(found.as_dict())
         return code
     _print(found)
     if told is not found:
@@ -124,16 +130,18 @@ def check_log_out(path: Path | None, *, force: bool) -> None:
 
 
 def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False) -> None:
-    """Write a log's motion within its digits; say so, or why there is none."""
+    """Write a log's motion within its half widths; say so, or why there is none."""
     if path is None:
         return
     if not motion_file.write_log(path, found):
-        what = "no log" if found.evidence is None else "a log without a motion within its digits"
+        what = (
+            "no log" if found.evidence is None else "a log without a motion within its half widths"
+        )
         console.note(f"{path} is not written: {found.motion.name} is {what}")
     elif not quiet:
         slower = found.evidence and found.evidence.slower
         longer = f", {slower.factor:.4f} times as long: it keeps the limits" if slower else ""
-        console.line(f"{path}: the motion within the digits{longer}")
+        console.line(f"{path}: the motion within the half widths{longer}")
 
 
 def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
@@ -152,7 +160,7 @@ def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
 def _print(found: Judgement) -> None:
     verdict = "feasible" if found.certificate.feasible else "not feasible"
     if found.evidence is not None:
-        verdict = f"{evidence_words.headline(found.evidence)}; {verdict}"
+        verdict = f"{evidence_words.headline(found.evidence, found)}; {verdict}"
     console.headline(found.motion.name, f" on {found.problem.name}: ", verdict)
     if found.evidence is not None:
         evidence_words.print_evidence(found.evidence, found)
@@ -169,7 +177,7 @@ def _verdict(found: Judgement) -> Iterator[str]:
     certificate = found.certificate
     kind = found.motion.interpolation
     if found.evidence is not None and found.evidence.motion is not None:
-        yield "Judged as the motion within the digits."
+        yield "Judged as the motion within these widths."
         kind = "polynomial"
     elif kind == "polynomial":
         yield "Executed as its own polynomials."

@@ -88,7 +88,19 @@ InterpolationName = Annotated[
     Parameter(help="How samples are joined; auto: as a controller would join them."),
 ]
 Noise = Annotated[
-    float, number("Standard deviation of the noise of a log's positions, rad (m).", least=0)
+    float | None,
+    number("Standard deviation of the noise of a log's positions, rad (m).", least=0),
+]
+Resolution = Annotated[
+    float | None, number("Step of the sensors of a log's positions, rad (m).", above=0)
+]
+Commanded = Annotated[
+    bool | None,
+    Parameter(
+        name="--commanded",
+        negative="--measured",
+        help="A log's positions were sent: known to their digits. Or measured.",
+    ),
 ]
 Window = Annotated[
     float,
@@ -96,6 +108,6 @@ Window = Annotated[
 ]
 LogOut = Annotated[
     Path | None,
-    Parameter(name="--out", help="Write a log's motion within its digits, as plan --out."),
+    Parameter(name="--out", help="Write a log's motion within its half widths, as plan --out."),
 ]
 Force = Annotated[bool, Parameter(help="Overwrite the file of --out.")]

@@ -17,7 +17,16 @@ from trajopt.cli import asked, console, evidence_words, kinds
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.console import PlainTable
 from trajopt.cli.judge import check_log_out, slower, unmendable, write_log_motion
-from trajopt.cli.parameters import Force, InterpolationName, Json, LogOut, Noise, Window
+from trajopt.cli.parameters import (
+    Commanded,
+    Force,
+    InterpolationName,
+    Json,
+    LogOut,
+    Noise,
+    Resolution,
+    Window,
+)
 from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.demand import END_STATES
@@ -43,7 +52,9 @@ def verify(
     *,
     robot: RobotFlags = NO_FLAGS,
     interpolation: InterpolationName = "auto",
-    noise: Noise = 0.0,
+    noise: Noise = None,
+    resolution: Resolution = None,
+    commanded: Commanded = None,
     window: Window = DEFAULT_WINDOW_S,
     out: LogOut = None,
     force: Force = False,
@@ -58,17 +69,21 @@ def verify(
     slower it must run, or how much faster it may. Where no joint has an acceleration limit, only
     velocities and positions are judged, and a line says so.
 
-    A log has digits and noise. Its verdict is one of three: broken (proved, exit code 1), kept as
-    far as the digits can tell, or cannot be told.
+    Positions of a log are known to a half width: by their digits, the step of the sensors and
+    noise, all found from the samples unless they are stated. Its verdict is one of three: broken
+    (proved, exit code 1), kept as far as these widths tell, or cannot be told.
 
     Args:
         path: Results folder or results.h5; or a motion's file.
     """
     if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
-        log = LogOptions(noise, window) if interpolation in AS_LOG else None
+        log = None
+        if interpolation in AS_LOG:
+            log = LogOptions(noise, resolution, commanded, window)
         check_log_out(out, force=force)
         return _verify_motion(path, robot, interpolation, log, out, json)
-    of_motion = bool(robot.said) or interpolation != "auto" or bool(noise) or out is not None
+    of_motion = bool(robot.said) or interpolation != "auto" or out is not None
+    of_motion |= any(own is not None for own in (noise, resolution, commanded))
     with kinds.reading(path, "motion" if of_motion else "results"):
         if of_motion:
             right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
@@ -109,11 +124,11 @@ def _verify_motion(
     if "deg" in (robot.unit or ""):
         _warn_of_radians(found)
     if json:
+        write_log_motion(out, found, quiet=True)
         console.print_json(found.as_dict())
     else:
         _print_execution(found, ", ".join(map(str, limits.values())))
-    if out is not None:
-        write_log_motion(out, found, quiet=json)
+        write_log_motion(out, found)
     return 1 if found.broken else 0
 
 
@@ -190,14 +205,14 @@ def _print_execution(found: Execution, limits: str) -> None:
     if certificate.acceleration is None:
         limits += ", accelerations not judged"
     if found.evidence is not None:
-        verdict = evidence_words.headline(found.evidence)
+        verdict = evidence_words.headline(found.evidence, found)
     console.headline(found.motion.name, f" within {limits}: ", verdict)
     if found.evidence is not None:
         evidence_words.print_evidence(found.evidence, found)
         if found.evidence.motion is None:
             return
-        console.paragraph(f"The motion within the digits, {certificate.duration:.6f} s:")
-        if not certificate.feasible and found.evidence.slower is None:
+        console.paragraph(f"The motion within these widths, {certificate.duration:.6f} s:")
+        if not certificate.feasible and found.evidence.verdict != "broken":
             for sentence in _mended(certificate, "polynomial"):
                 console.paragraph(sentence)
         print_worst(certificate, found.problem)

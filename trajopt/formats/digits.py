@@ -2,8 +2,8 @@
 
 A column may have a fixed number of decimals (`%.4f`, also with trailing zeros removed). Or it may
 have a fixed number of digits (`%g`, `%.4e`); then the number of decimals depends on the size of a
-number. So decimals are counted together for numbers of one size. Sensors round too: if all numbers
-are whole multiples of a step that is coarser than the last digit, the step is used.
+number. So decimals are counted together for numbers of one size. What a sensor rounds besides is
+found by the judge (`trajopt.judging.lattice`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,7 @@ import numpy as np
 from trajopt.core.arrays import Array
 from trajopt.formats.samples import Samples
 
-_COARSE = 4  # least step of a sensor that is considered, in units of the last digit
-_STEP_RTOL = 0.02  # largest difference from a whole multiple, relative to a step
 _NOTHING = 1e-9  # smaller digits of times, relative to a step in time, are ignored
-_MIN_DISTINCT = 12  # least number of different values from which a step is recognised
-_REPEATED = 0.02  # least share of numbers that repeat the one before, with a coarse sensor
 
 
 def decimals(text: str) -> int:
@@ -42,8 +38,7 @@ def half_digits(texts: Sequence[str], values: Array) -> tuple[Array, int]:
     counted = _decimals(texts, values)
     kinds, counts = np.unique(counted, return_counts=True)
     most = int(kinds[np.argmax(counts)])
-    step = _sensor_step(values, 10.0**-most)
-    return np.maximum(0.5 * 10.0**-counted, step / 2), most
+    return 0.5 * 10.0**-counted, most
 
 
 def of_columns(texts: Sequence[Sequence[str]], values: Array) -> tuple[Array, tuple[int, ...]]:
@@ -97,20 +92,3 @@ def _decimals(texts: Sequence[str], values: Array) -> Array:
         if len(np.unique(values[alike])) > 1:  # one number alone may have lost its zeros
             counted[alike] = own[alike].max()
     return counted
-
-
-def _sensor_step(values: Array, unit: float) -> float:
-    """Return the step of which all numbers are whole multiples; 0 if it is the last digit."""
-    distinct = np.unique(values)
-    if len(distinct) < _MIN_DISTINCT or np.mean(np.diff(values) == 0) < _REPEATED:
-        return 0.0
-    gaps = np.diff(distinct)
-    if gaps.min() < _COARSE * unit:
-        return 0.0
-    step = float(gaps[gaps < 1.5 * gaps.min()].mean())
-    since = distinct - distinct[0]
-    for _ in range(2):  # the whole range determines the step more precisely than two neighbours
-        multiples = np.round(since / step)
-        step = float((multiples * since).sum() / (multiples**2).sum())
-    off = np.abs(since - multiples * step).max()
-    return step if off <= unit + _STEP_RTOL * step else 0.0

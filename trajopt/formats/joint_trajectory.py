@@ -156,7 +156,7 @@ def from_message(message: Any, name: str = _WHAT) -> Samples:
         raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
     keys.note_unread(name, unread)
     tables: dict[str, Any] = {field: own for field, own in columns.items() if own}
-    return digits.known(Samples(tuple(names), np.array(times), **tables))
+    return digits.known(Samples(tuple(names), np.array(times), commanded=True, **tables))
 
 
 def _table(path: Path) -> Any:

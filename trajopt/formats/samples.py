@@ -34,6 +34,8 @@ class Samples:
         decimals: Number of decimals of each joint's column, in its unit; empty without
             `half_digits`.
         velocity_half_digits: As `half_digits`, of the velocities, rad/s.
+        commanded: Whether these were sent to a robot, not measured: then the digits are all that is
+            unknown.
 
     Raises:
         InvalidInput: These do not fit together, are not finite, or times do not increase.
@@ -49,6 +51,7 @@ class Samples:
     time_half_digit: float = 0.0
     decimals: tuple[int, ...] = ()
     velocity_half_digits: Array | None = None
+    commanded: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))

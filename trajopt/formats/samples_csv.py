@@ -222,6 +222,7 @@ def _samples(
     fields = np.hsplit(numbers * sizes, len(joints))
     texts = [table.columns[column.index] for column in chosen[len(clock) :]]
     half, decimals = digits.of_columns(texts, numbers)
+    tables = dict(zip(joints, fields, strict=True))
     halves = dict(zip(joints, np.hsplit(half * sizes, len(joints)), strict=True))
     return Samples(
         joint_names=tuple(column.joint for column in joints["positions"]),
@@ -231,8 +232,17 @@ def _samples(
         velocity_half_digits=halves.get("velocities"),
         time_half_digit=_time_half_digit(stamps) * TIMES[unit],
         decimals=decimals[: len(units[0])],
-        **dict(zip(joints, fields, strict=True)),
+        commanded=all(_sent(table, column) for column in joints["positions"]),
+        positions=tables["positions"],
+        velocities=tables.get("velocities"),
+        accelerations=tables.get("accelerations"),
     )
+
+
+def _sent(table: Table, column: _Column) -> bool:
+    """Return whether a column's heading says that it was commanded."""
+    name, _ = csv_file.heading(table.headings[column.index])
+    return _COMMANDED.search(name) is not None
 
 
 def _time_half_digit(stamps: Sequence[Decimal]) -> float:

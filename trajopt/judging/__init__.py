@@ -9,5 +9,7 @@ In reading order:
 - `passing`: the times at which a motion passes waypoints;
 - `ends`: the states at the ends of a motion, and how long it stands there;
 - `turns`: whole turns of continuous joints;
-- `evidence`: the verdict on a log of samples, from `log_joint`, `tube` and `tube_proof`.
+- `evidence`: the verdict on a log of samples. What they are known to is the `premise` (`lattice`,
+  `scatter`, `log_velocities`, `lost_rows`); a few rows prove much (`log_windows`), all together the
+  rest (`log_joint`, `tube`, `tube_proof`).
 """

@@ -1,36 +1,37 @@
 """Judge from the samples of a log whether limits were kept, broken, or whether that is unknown.
 
-A log has rounded positions and times, and noise. So a position is known within a half width. There
-may be a motion within these half widths that keeps the limits (`trajopt.judging.tube`), or a proof
-that there is none (`trajopt.judging.tube_proof`). So there are three verdicts:
+A log has rounded positions and times, and noise. What its positions are known to, each within a
+half width, is the premise of every verdict (`trajopt.judging.premise`): it is found from the
+samples, unless it was stated. There are three verdicts:
 
-- `broken`: it is proved that no motion within the half widths keeps the limits;
+- `broken`: it is proved that no motion within the half widths keeps the limits, mostly by a few
+  rows (`trajopt.judging.log_windows`), else by all samples together (`trajopt.judging.tube`);
 - `kept`: a motion within the half widths keeps them, and the samples exclude a mean excess of 5 %
   over the window;
-- `cannot be told`: neither. The windows say over which time an excess of 5 % is excluded.
+- `cannot be told`: neither. The windows say over which time an excess of 5 % is excluded. Or rows
+  seem to be missing (`trajopt.judging.lost_rows`), with which nothing is broken.
 
-Logged velocities bound an acceleration much more tightly than positions of as many digits do. They
-are ignored in two cases. With `noise`, their noise is not known. And where they would need more
-than three times a limit that the positions alone allow to be kept, they do not belong to these
-positions: they were measured or filtered separately, or zeros stand for missing values.
+The ends of a log are facts: no rest is asked of it. Where samples allow rest, the motion rests.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from trajopt.core.arrays import Array
 from trajopt.core.limits import KINDS, LIMIT_ORDERS, LimitName, Limits
-from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.log_joint import RATES, Joint, Log, joined, joints_of, window_of
+from trajopt.judging import log_windows, tube_proof
+from trajopt.judging.log_joint import RATES, Joint, Log, joined, joints_of, premise_of
+from trajopt.judging.lost_rows import Lost, lost_rows
 from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer
-from trajopt.judging.tube_proof import proved
+from trajopt.judging.tube_proof import NO_READINGS
 
 Verdict = Literal["broken", "kept", "cannot be told"]
 
@@ -43,10 +44,8 @@ step**order."""
 VELOCITY_WORTH: dict[LimitName, float] = {"velocity": 1.0, "acceleration": 6.0, "jerk": 12.0}
 """The same for cubic pieces between positions and velocities, by the velocities' half widths."""
 
-_MISFIT = 3.0  # velocities are ignored if they alone need this many times a limit
-_MAX_STRETCHES = 5
-_MAX_SLOWER = 1e4  # no slower motion is searched beyond this dilation
-_SLOWER_RTOL = 1e-4  # between the lower bound of a dilation and the one that is found
+_SLOWER_RTOL = 1e-3  # between the lower bound of a dilation and the one that is found
+_MAX_STRETCHES = 16
 _MAX_PASSAGES = 3  # samples that are tried as the passage of a waypoint
 
 
@@ -74,7 +73,7 @@ class Told:
     by_joint: tuple[float | None, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Conviction:
     """A proof that a joint breaks its limits.
 
@@ -83,14 +82,46 @@ class Conviction:
         at_least: Share of the limits that every motion within the half widths uses. For a position
             limit: the least distance beyond it, rad.
         limit: The limit that is broken; None where only all limits together prove it.
-        start, end: The proof needs only the samples between these times, s.
+        times: Of the samples that prove it, s. Of a proof by all samples together: the first and
+            the last time that it needs.
+        values: Their positions, rad, or velocities, rad/s; none of a proof by all samples.
+        half: Half widths of the values.
+        of_velocities: Whether the values are logged velocities.
+        margin: The limit can be kept only if positions (or velocities) were off by at least this
+            many times their half widths; 0 where it is not known.
     """
 
     joint: int
     at_least: float
     limit: str | None
-    start: float
-    end: float
+    times: Array
+    values: Array = field(default_factory=lambda: np.zeros(0))
+    half: Array = field(default_factory=lambda: np.zeros(0))
+    of_velocities: bool = False
+    margin: float = 0.0
+
+    @property
+    def start(self) -> float:
+        return float(self.times[0])
+
+    @property
+    def end(self) -> float:
+        return float(self.times[-1])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON: SI units, joints count from 1."""
+        table: dict[str, Any] = {
+            "joint": self.joint + 1,
+            "at_least": self.at_least,
+            "limit": self.limit,
+            "start": self.start,
+            "end": self.end,
+            "margin": self.margin or None,
+            "of": "velocities" if self.of_velocities else "positions",
+        }
+        for name in ("times", "values", "half"):
+            table[name] = getattr(self, name).tolist() if len(self.values) else None
+        return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +151,10 @@ class Evidence:
         at_rest: Whether that motion rests at both ends; if not, the log was cut.
         convictions: The strongest proof for each joint; none unless the verdict is `broken`.
         log: The samples.
-        noise: Standard deviation of the noise that was given, rad; 0 for rounding alone.
+        joints: Each joint's samples, with what they are known to.
         window: The window that was asked for, s.
         by_positions: The verdict without the velocities, where these are part of the proof.
-        slower: For a broken log, the shortest motion found through its samples that keeps the
-            limits.
-        misfit: With the velocities that were ignored, this would be proved; None if none were.
+        lost: Rows that seem to be missing, where that explains what else is broken.
     """
 
     verdict: Verdict
@@ -134,36 +163,58 @@ class Evidence:
     at_rest: bool
     convictions: Sequence[Conviction]
     log: Log
-    noise: float
+    joints: Sequence[Joint]
     window: float
     by_positions: Verdict | None = None
-    slower: SlowerLog | None = None
-    misfit: Conviction | None = None
+    lost: Sequence[Lost] = ()
 
     @property
     def conviction(self) -> Conviction | None:
         """The strongest proof; None unless the verdict is `broken`."""
         return self.convictions[0] if self.convictions else None
 
+    @cached_property
+    def otherwise(self) -> float:
+        """Return the largest share of a limit that the positions prove by the other reading.
+
+        Of measured positions: as exact digits. Of commanded ones: as measured.
+        """
+        other = replace(self.log, commanded=not self.log.commanded)
+        joints = [
+            replace(own, known=premise_of(other, joint, own.limits))
+            for joint, own in enumerate(self.joints)
+        ]
+        return max(own.share for joint in joints for own in joint.by_positions.values())
+
+    @cached_property
+    def slower(self) -> SlowerLog | None:
+        """The shortest motion found through the samples of a broken log that keeps the limits."""
+        return _slower(self.joints, self.at_rest) if self.verdict == "broken" else None
+
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
+        """Return it for JSON: SI units, joints count from 1, None for what does not exist.
+
+        A slower motion is there if it was asked for before.
+        """
         table: dict[str, Any] = {
             "verdict": self.verdict,
+            "premise": [own.known.as_dict() for own in self.joints],
             "digits": list(self.log.decimals),
             "time_half_digit": self.log.time_half_digit,
             "samples": len(self.log.times),
-            "noise": self.noise,
             "asked_window": self.window,
             "at_rest": self.at_rest,
             "by_positions": self.by_positions,
+            "otherwise": self.otherwise,
+            "velocities_left_out": [own.no_readings or None for own in self.joints],
+            "lost_rows": [{"row": own.row + 1, "count": own.count} for own in self.lost],
         }
         for name, told in self.limits.items():
             table[name] = {**vars(told), "joint": told.joint + 1}
-        broken = [{**vars(own), "joint": own.joint + 1} for own in self.convictions]
+        broken = [own.as_dict() for own in self.convictions]
         table["conviction"] = broken[0] if broken else None
         table["convictions"] = broken
-        table["misfit"] = self.misfit and {**vars(self.misfit), "joint": self.misfit.joint + 1}
-        slower = self.slower
+        slower = vars(self).get("slower")
         table["slower"] = slower and {"at_least": slower.at_least, "factor": slower.factor}
         return table
 
@@ -172,7 +223,8 @@ def evidence(
     log: Log,
     limits: Limits,
     *,
-    noise: float = 0.0,
+    noise: float | None = None,
+    resolution: float | None = None,
     window: float = DEFAULT_WINDOW_S,
     accelerations: Sequence[bool] = (),
 ) -> Evidence:
@@ -181,47 +233,91 @@ def evidence(
     Args:
         log: Its samples.
         limits: Of its joints. Where segments differ, the widest counts.
-        noise: Standard deviation of independent normal noise of the positions, rad.
+        noise: Standard deviation of independent normal noise of the positions, rad; None if it is
+            to be found from the samples.
+        resolution: The step of the sensors, rad; None if it is to be found.
         window: `kept` requires that a mean excess of 5 % over this window is excluded, s.
         accelerations: Whether each joint's acceleration is judged; by default all are.
     """
     limits = limits.in_all_segments(tightest=False)
-    joints = joints_of(log, limits, noise, accelerations)
-    resting = [own.found(rest=True) for own in joints]
-    moving = list(resting)
-    for joint, (own, found) in enumerate(zip(joints, resting, strict=True)):
-        if found.high > 1 + KEPT_RTOL:
-            moving[joint] = own.found(rest=False)
-    pairs = list(zip(resting, moving, strict=True))
-    at_rest = all(rest.high <= max(1.0, free.high) * (1 + KEPT_RTOL) for rest, free in pairs)
-    chosen = resting if at_rest else moving
-    singles = [own.singles() for own in joints]
-    lows = [max(pair, key=lambda found: found.low) for pair in pairs]
-    convictions = _convictions(joints, lows, singles)
-    motion = joined(chosen, log.times[[0, -1]])
-    told = dict(_told(log, limits, joints, singles, motion))
-    verdict: Verdict = "cannot be told"
-    if convictions:
-        verdict = "broken"
-    elif max(found.high for found in chosen) <= 1 + KEPT_RTOL and not any(
-        len(own.beyond_between(found)) for own, found in zip(joints, chosen, strict=True)
-    ):
-        shown = all(own.window <= window for own in told.values())
-        verdict = "kept" if shown else "cannot be told"
-    by_positions = None
-    if verdict == "broken" and any(len(own.readings.times) for own in joints):
-        positions = replace(log, velocities=None)
-        alone = evidence(positions, limits, window=window, accelerations=accelerations)
-        by_positions = alone.verdict
-        if by_positions != "broken" and convictions[0].at_least > _MISFIT:
-            return replace(alone, misfit=convictions[0])
-    slower = _slower(joints, lows, singles, at_rest) if verdict == "broken" else None
+    joints = joints_of(log, limits, accelerations, noise=noise, resolution=resolution)
+    found = [_found(own) for own in joints]
+    convictions = _convictions(joints, found)
+    lost: Sequence[Lost] = ()
+    if convictions and not log.commanded:
+        lost, corrected = _with_lost_rows(joints)
+        if lost:
+            joints = corrected
+            found = [_found(own) for own in joints]
+            convictions = _convictions(joints, found)
+    motion = joined([own.answer for own in found], joints[0].times[[0, -1]])
+    verdict = _verdict(joints, found, convictions, lost, window)
+    by_positions: Verdict | None = None
+    if convictions and any(len(own.readings.times) for own in joints):
+        alone = [replace(own, readings=NO_READINGS) for own in joints]
+        by_positions = _verdict(alone, found, _convictions(alone, found), lost, window)
     return Evidence(
-        verdict, told, motion, at_rest, convictions, log, noise, window, by_positions, slower
+        verdict=verdict,
+        limits=dict(_told(log, limits, joints, convictions, motion)),
+        motion=motion,
+        at_rest=all(own.at_rest for own in found),
+        convictions=convictions,
+        log=log,
+        joints=joints,
+        window=window,
+        by_positions=by_positions,
+        lost=lost,
     )
 
 
-def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> Evidence:
+def _verdict(
+    joints: Sequence[Joint],
+    found: Sequence[_Found],
+    convictions: Sequence[Conviction],
+    lost: Sequence[Lost],
+    window: float,
+) -> Verdict:
+    if convictions:
+        return "broken"
+    shown = all(bound.window <= window for own in joints for bound in own.bounds.values())
+    return "kept" if shown and not lost and all(own.kept for own in found) else "cannot be told"
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A joint's motion within its half widths.
+
+    Attributes:
+        answer: The motion, and the lower bound on the use of all limits together.
+        at_rest: Whether it rests at both ends.
+        kept: Whether it keeps the limits.
+    """
+
+    answer: TubeAnswer
+    at_rest: bool
+    kept: bool
+
+
+def _found(own: Joint) -> _Found:
+    still = own.still()
+    if still is not None:
+        return _Found(still, True, True)
+    resting: TubeAnswer | None = None
+    share = max((bound.share for bound in own.by_positions.values()), default=0.0)
+    if own.may_rest(share):
+        resting = own.found(rest=True)
+        if resting.high <= 1 + KEPT_RTOL and resting.low <= 1 + BROKEN_RTOL:
+            return _Found(resting, True, not len(own.beyond_between(resting)))
+    free = own.found(rest=False)
+    best, at_rest = free, False
+    if resting is not None and resting.high <= max(1.0, free.high) * (1 + KEPT_RTOL):
+        # What is proved of motions at rest is not proved of all.
+        best, at_rest = replace(resting, low=free.low, proof=free.proof), True
+    kept = best.high <= 1 + KEPT_RTOL and not len(own.beyond_between(best))
+    return _Found(best, at_rest, kept)
+
+
+def passing(found: Evidence, times: Array, waypoints: Array) -> Evidence:
     """Return the evidence with a motion that passes waypoints, if there is one within the digits.
 
     A waypoint that the motion misses by more than one digit is not passed. All joints have to pass
@@ -230,17 +326,13 @@ def passing(found: Evidence, limits: Limits, times: Array, waypoints: Array) -> 
 
     Args:
         found: The evidence of a log that was not cut.
-        limits: Of its joints.
         times: Approximate times of the waypoints, from the log's first time to its last, s.
         waypoints: rad, `(waypoints, joints)`.
     """
     log = found.log
-    joints = joints_of(log, limits.in_all_segments(tightest=False), found.noise, ())
-    digits = np.stack([own.digits for own in joints], axis=1)
-    if (
-        found.motion is None
-        or (np.abs(found.motion(times) - waypoints) > 2 * np.median(digits, axis=0)).any()
-    ):
+    joints = found.joints
+    digits = np.array([own.known.known for own in joints])
+    if found.motion is None or (np.abs(found.motion(times) - waypoints) > 2 * digits).any():
         return found
     best = _through_all(joints, times, waypoints)
     for index in range(1, len(times) - 1):
@@ -273,158 +365,208 @@ def _through_all(joints: Sequence[Joint], times: Array, waypoints: Array) -> _Th
     return _Through(times, [own.found(rest=True, passing=(times, q)) for own, q in columns])
 
 
-def _convictions(
-    joints: Sequence[Joint], lows: Sequence[TubeAnswer], singles: Sequence[dict[str, float]]
-) -> list[Conviction]:
+def _convictions(joints: Sequence[Joint], found: Sequence[_Found]) -> list[Conviction]:
     """Return the strongest proof of each joint that breaks a limit, in rational numbers.
 
     Position limits come first, then the largest shares.
     """
-    convictions: list[Conviction] = []
-    for joint, (own, found, alone) in enumerate(zip(joints, lows, singles, strict=True)):
-        of_joint: list[Conviction] = []
-        beyond = own.beyond
-        farthest = int(np.argmax(beyond))
-        share, start, end = own.slope()
-        if share > 1 + BROKEN_RTOL:
-            of_joint.append(Conviction(joint, share, "velocity", start, end))
-        if found.low > 1 + BROKEN_RTOL and found.proof is not None:
-            least = float(proved(found.proof))
-            highest = max(alone, key=lambda name: alone[name])
-            limit = highest if alone[highest] > 1 else None
-            if least > 1:
-                of_joint.append(Conviction(joint, least, limit, *found.span))
-        if beyond[farthest] > 0:
-            time = float(own.times[farthest])
-            convictions.append(Conviction(joint, float(beyond[farthest]), "position", time, time))
-        elif of_joint:
-            convictions.append(max(of_joint, key=lambda one: one.at_least))
-    return sorted(convictions, key=lambda one: (one.limit != "position", -one.at_least))
+    each = [_conviction(joint, *own) for joint, own in enumerate(zip(joints, found, strict=True))]
+    proofs = [own for own in each if own is not None]
+    return sorted(proofs, key=lambda one: (one.limit != "position", -one.at_least))
 
 
-def _slower(
-    joints: Sequence[Joint],
-    lows: Sequence[TubeAnswer],
-    singles: Sequence[dict[str, float]],
-    at_rest: bool,
-) -> SlowerLog | None:
+def _conviction(joint: int, own: Joint, found: _Found) -> Conviction | None:
+    """Return the proof by one sample beyond the range, by a few rows, or by all samples."""
+    beyond = own.beyond
+    farthest = int(np.argmax(beyond))
+    if beyond[farthest] > 0:
+        row = slice(farthest, farthest + 1)
+        samples = own.times[row], own.positions[row], own.digits[row]
+        return Conviction(joint, float(beyond[farthest]), "position", *samples)
+    by_rows = [_by_rows(joint, own, name) for name in own.bounds]
+    proofs = [proof for proof in by_rows if proof is not None]
+    if not proofs and found.answer.low > 1 + BROKEN_RTOL:
+        names = [name for name in RATES[1:] if name in own.bounds]  # `slope` is exact
+        by_all = [_by_all(joint, own.alone(name), name) for name in names]
+        proofs = [proof for proof in by_all if proof is not None]
+        together = None if proofs else _by_all(joint, found.answer, None)
+        proofs += [together] if together else []
+    return max(proofs, key=lambda one: one.at_least, default=None)
+
+
+def _by_rows(joint: int, own: Joint, name: str) -> Conviction | None:
+    """Return the proof that a few rows break a limit; None if they do not."""
+    bound = own.bounds[name]
+    if bound.share <= 1 + BROKEN_RTOL:
+        return None
+    rows = list(bound.rows)
+    if bound.of_velocities:
+        samples = own.readings.times[rows], own.readings.values[rows], own.readings.half[rows]
+    else:
+        samples = own.times[rows], own.positions[rows], own.half[rows]
+    share = bound.share
+    if name in RATES:
+        share = float(log_windows.proved(*samples, *own.limits[RATES.index(name)]))
+    if share <= 1:
+        return None
+    return Conviction(joint, share, name, *samples, bound.of_velocities, bound.margin)
+
+
+def _by_all(joint: int, answer: TubeAnswer, name: str | None) -> Conviction | None:
+    """Return the proof by all samples together that limits are broken; None if there is none."""
+    if answer.low <= 1 + BROKEN_RTOL or answer.proof is None:
+        return None
+    share = float(tube_proof.proved(answer.proof))
+    return Conviction(joint, share, name, np.array(answer.span)) if share > 1 else None
+
+
+def _with_lost_rows(joints: Sequence[Joint]) -> tuple[Sequence[Lost], list[Joint]]:
+    """Return the rows that seem to be missing, and the joints at the times with them.
+
+    At a place like that a time may be off by a step, so half widths grow by a step's own motion.
+    """
+    times = joints[0].times
+    if any(len(own.times) != len(times) or (own.times != times).any() for own in joints):
+        return (), []
+    lost, times = lost_rows([own.known for own in joints])
+    step = float(np.median(np.diff(times)))
+    corrected = []
+    for own in joints:
+        speed = np.convolve(np.abs(np.gradient(own.positions, times)), np.full(5, 0.2), "same")
+        known = replace(own.known, times=times, half=own.known.half + step * speed)
+        corrected.append(replace(own, known=known, readings=NO_READINGS))
+    return lost, corrected
+
+
+def _slower(joints: Sequence[Joint], at_rest: bool) -> SlowerLog | None:
     """Return the least dilation found with which a motion through the samples keeps the limits.
 
-    Joints are tested in the order of their use; the one that needs the largest dilation decides.
-    Return None if none is found.
+    Any motion within the half widths keeps them when it is dilated enough. So the first one gives a
+    factor, and motions that are sought at smaller factors reduce it. Joints are tried in the order
+    of what they are proved to need; only one that needs more than those before is sought.
+    Return None if a joint has no motion within its half widths and position limits.
     """
     at_least, factor = 1.0, 1.0
-    for joint in sorted(range(len(joints)), key=lambda joint: -lows[joint].low):
-        own = joints[joint]
-        if own.beyond.max() > 0 or lows[joint].low > _MAX_SLOWER:
-            return None
-        if own.stretched(factor).found(at_rest).high <= 1:
-            continue
-        # Dilation by d divides the use of a limit of order k by d^k: a lower bound. Proofs that
-        # need the logged velocities do not hold for slower motions.
-        low = 1.0
-        if not len(own.readings.times):
-            order = max(k for k, (_, high) in enumerate(own.limits, start=1) if np.isfinite(high))
-            roots = [lows[joint].low ** (1 / order)]
-            for name, share in singles[joint].items():
-                roots.append(share ** (1 / (KINDS[name].degree or np.inf)))
-            low = max(low, *roots)
-        high = max(factor, lows[joint].low) * (1 + KEPT_RTOL)
+    lows = [_least_dilation(own) for own in joints]
+    chosen: list[TubeAnswer | None] = [None] * len(joints)
+    for joint in sorted(range(len(joints)), key=lambda joint: -lows[joint]):
+        own, low = joints[joint], lows[joint]
+        at_least = max(at_least, low)
+        need, best = np.inf, own.still()
+        stretch = max(factor, low) * (1 + KEPT_RTOL)
+        if best is not None:
+            need = 1.0
         for _ in range(_MAX_STRETCHES):
-            if own.stretched(high).found(at_rest).high <= 1:
+            if need <= max(factor, low * (1 + _SLOWER_RTOL)):
                 break
-            high *= 1 + 0.1 * high
-        else:
+            found = own.stretched(stretch).found(at_rest)
+            found_need = _dilation(own, found)
+            if found_need < need:
+                need, best = found_need, found
+            if found.low > 1:
+                low = max(low, stretch)
+            if not np.isfinite(need):
+                stretch *= 2
+                continue
+            stretch = float(np.sqrt(max(factor, low) * need))
+        if best is None or not np.isfinite(need):
             return None
-        while high / low > 1 + _SLOWER_RTOL:
-            middle = float(np.sqrt(low * high))
-            found = own.stretched(middle).found(at_rest)
-            if found.high <= 1:
-                high = middle
-            elif found.low > 1:
-                low = middle
-            else:
-                break
-        at_least, factor = max(at_least, low), max(factor, high)
-    motion = joined(
-        [own.stretched(factor).found(at_rest) for own in joints], joints[0].times[[0, -1]]
-    )
+        chosen[joint] = best
+        factor = max(factor, need)
+    motion = joined([own for own in chosen if own is not None], joints[0].times[[0, -1]])
     return None if motion is None else SlowerLog(at_least, factor, motion.dilated(factor))
+
+
+def _least_dilation(own: Joint) -> float:
+    """Return the dilation that every motion within the half widths of positions needs.
+
+    Dilation by d divides the use of a limit of order k by d^k. What logged velocities prove does
+    not hold for slower motions.
+    """
+    degrees = {name: KINDS[name].degree or np.inf for name in own.by_positions}
+    each = [bound.share ** (1 / degrees[name]) for name, bound in own.by_positions.items()]
+    return max([1.0, *each])
+
+
+def _dilation(own: Joint, found: TubeAnswer) -> float:
+    """Return by how much a motion must be dilated to keep the limits; infinite without one."""
+    if not np.isfinite(found.high) or own.beyond.max() > 0 or len(own.beyond_between(found)):
+        return np.inf
+    motion = joined([found], own.times[[0, -1]])
+    if motion is None:
+        return np.inf
+    needs = [1.0]
+    for order, (name, limit) in enumerate(zip(RATES, own.limits, strict=True), start=1):
+        if np.isfinite(limit[1]):
+            use = float(peak(motion, order, np.array([limit]), ratio).value)
+            needs.append(use ** (1 / (KINDS[name].degree or np.inf)))
+    needs += [
+        own.others[key].worst(motion).value ** (1 / (KINDS[key].degree or np.inf))
+        for key in own.falling()
+    ]
+    return max(needs)
 
 
 def _told(
     log: Log,
     limits: Limits,
     joints: Sequence[Joint],
-    singles: Sequence[dict[str, float]],
+    convictions: Sequence[Conviction],
     motion: Trajectory | None,
 ) -> Iterator[tuple[str, Told]]:
-    step = float(np.median(np.diff(log.times)))
+    """Yield what is told of each kind of limit; a proof by all samples counts where it is best."""
     spline = Trajectory.from_samples(log.times, log.positions, interpolation="spline")
-    widths = np.stack([own.half for own in joints], axis=1)
-    for name in RATES:
-        known = [joint for joint, own in enumerate(singles) if name in own]
-        if not known:
-            continue
-        order = LIMIT_ORDERS[name]
-        bounds = limits.by_name()[name][known]
-        positions, half = log.positions[:, known], widths[:, known]
-        least = max(known, key=lambda joint: singles[joint][name])
-        window = window_of(log.times, positions, half, bounds, order)
-        if order > 1 and all(len(own.readings.times) for own in joints):
-            readings = [joints[joint].readings for joint in known]
-            values = np.stack([own.values for own in readings], axis=1)
-            doubt = np.stack([own.half for own in readings], axis=1)
-            window = min(window, window_of(log.times, values, doubt, bounds, order - 1))
-        worth = DIGITS_WORTH[name] * np.median(half, axis=0) / step**order
+    proved = {(own.joint, own.limit): own.at_least for own in convictions}
+    for name in dict.fromkeys(name for own in joints for name in own.bounds):
+        known = [joint for joint, own in enumerate(joints) if name in own.bounds]
+        shares: list[float | None] = [None] * len(joints)
+        for joint in known:
+            shares[joint] = proved.get((joint, name), joints[joint].bounds[name].share)
+        least = max(known, key=lambda joint: shares[joint] or 0.0)
+        if name in LIMIT_ORDERS:
+            rate = RATES[LIMIT_ORDERS[name] - 1]
+            bounds = limits.by_name()[rate][known]
+            uses, raw = (
+                None if own is None else _use(own, LIMIT_ORDERS[rate], known, bounds)
+                for own in (motion, spline)
+            )
+        else:
+            uses, raw = (
+                None if own is None else limits.others[name].worst(own).value
+                for own in (motion, spline)
+            )
+        assert raw is not None
         yield (
             name,
             Told(
-                at_least=max(0.0, singles[least][name]),
-                uses=None if motion is None else _use(motion, order, known, bounds),
-                spline=_use(spline, order, known, bounds),
-                digits_alone=float((worth / np.abs(bounds).min(axis=1)).max()),
-                window=window,
+                at_least=shares[least] or 0.0,
+                uses=uses,
+                spline=raw,
+                digits_alone=max(_alone(joints[joint], name) for joint in known),
+                window=max(joints[joint].bounds[name].window for joint in known),
                 joint=least,
-                by_joint=tuple(own.get(name) for own in singles),
-            ),
-        )
-
-    for key, own in limits.others.items():
-        known = [joint for joint, single in enumerate(singles) if key in single]
-        if not known:
-            continue
-        least = max(known, key=lambda joint: singles[joint][key])
-        found = [_falling(joints[joint], own, joint, step) for joint in known]
-        yield (
-            key,
-            Told(
-                at_least=max(0.0, singles[least][key]),
-                uses=None if motion is None else own.worst(motion).value,
-                spline=own.worst(spline).value,
-                digits_alone=max(worth for worth, _ in found),
-                window=max(window for _, window in found),
-                joint=least,
-                by_joint=tuple(single.get(key) for single in singles),
+                by_joint=tuple(shares),
             ),
         )
 
 
-def _falling(joint: Joint, limit: OtherLimit, index: int, step: float) -> tuple[float, float]:
-    """Return `digits_alone` and `window` of a velocity limit that depends on the position.
+def _alone(own: Joint, name: str) -> float:
+    """Return the largest change of a use by the half widths.
 
-    Only samples between which the joint moves by more than its half widths are counted.
+    Of a limit that depends on the position, only samples between which the joint moves by more than
+    its half widths are counted.
     """
-    reach = joint.reach(joint.times)
-    low, high = limit.velocities(index, *reach)
-    low, high = np.minimum(low, -1e-9), np.maximum(high, 1e-9)
-    moved = np.diff(joint.positions)
+    step = float(np.median(np.diff(own.times)))
+    if name in RATES:
+        order = RATES.index(name)
+        size = min(map(abs, own.limits[order]))
+        return DIGITS_WORTH[RATES[order]] * float(np.median(own.half)) / step ** (order + 1) / size
+    low, high = own.velocities(name)
+    moved = np.diff(own.positions)
     towards = np.where(moved > 0, high[1:], -low[1:])
-    moving = np.abs(moved) > 2 * joint.half[1:]
-    worth = DIGITS_WORTH["velocity"] * joint.half[1:] / step / towards
-    bounds = np.stack([low, high], axis=1)[:, None]
-    window = window_of(joint.times, joint.positions[:, None], joint.half[:, None], bounds, 1)
-    return float(worth[moving].max(initial=0.0)), window
+    moving = np.abs(moved) > 2 * own.half[1:]
+    worth = DIGITS_WORTH["velocity"] * own.half[1:] / step / towards
+    return float(worth[moving].max(initial=0.0))
 
 
 def _use(trajectory: Trajectory, order: int, joints: Sequence[int], limits: Array) -> float:

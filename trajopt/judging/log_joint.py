@@ -1,19 +1,18 @@
 """One joint of a log: the motions that its samples allow, and the share of limits that they use.
 
-A log has rounded positions and times, and noise. So each position is known within a half width, and
-so is each velocity that was logged. `Joint.found` returns the motion within these half widths that
-uses the smallest share of the limits, and a lower bound on the share that every such motion uses
-(`trajopt.judging.tube`). `means_over_windows` bounds, without any motion, for how long an excess
-over a limit could stay unnoticed.
+A log has rounded positions and times, and noise. So each position is known within a half width
+(`trajopt.judging.premise`). `Joint.bounds` are what a few rows prove of each limit
+(`trajopt.judging.log_windows`). `Joint.found` returns the motion within the half widths that uses
+the smallest share of the limits, and a lower bound on the share that every such motion uses
+(`trajopt.judging.tube`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,29 +22,26 @@ from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits import LimitName, Limits
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging import log_velocities, log_windows, premise
+from trajopt.judging.log_windows import Bound
+from trajopt.judging.premise import LEAST_HALF, Premise
 from trajopt.judging.tube import Rates, TubeAnswer, slope, tube
 from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-EXCESS = 0.05
-"""A mean excess over a window that must show, as a share of the limit."""
-NOISE_DOUBT = 1e-3
-"""Probability that some sample's noise is larger than the half width of the tube."""
 RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 
 Positions = Callable[[Array], tuple[Array, Array]]
 """A function of times that returns the lowest and the highest possible position, rad."""
 
-_FLOOR = 1e-7  # least half width, rad and rad/s: the program rounds narrower tubes away
 _UNLIMITED: Limit = (-np.inf, np.inf)
 _WAYPOINT_SHARE = 1e-7  # half width at a waypoint, relative to the joint's span; repair corrects it
 _MAX_NARROWINGS = 4
 _LEAST_RATE = 1e-3  # least velocity limit at any time, relative to the constant one
+_LEAST_VELOCITY = 1e-9  # least velocity limit at any position, rad/s
 _SINGLE_ROUNDS = 2  # rounds of adding knots, for one limit alone
-_STRIDE_GROWTH = 1.25
-_MAX_STRIDE_BY_ONE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +56,8 @@ class Log:
         decimals: Number of decimals of each joint's column, in the unit of the file.
         velocities: rad/s, `(samples, joints)`; None for a log of positions alone.
         velocity_half_digits: Half a unit of the last digit of each velocity, rad/s.
+        commanded: Whether the positions were sent, not measured.
+        turns: For each joint the rows after which a whole turn was removed.
     """
 
     times: Array
@@ -69,6 +67,8 @@ class Log:
     decimals: Sequence[int] = ()
     velocities: Array | None = None
     velocity_half_digits: Array | None = None
+    commanded: bool = False
+    turns: Sequence[Sequence[int]] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +77,11 @@ class _Conditions:
 
     Attributes:
         half: Half width of each sample, rad.
-        readings: Logged velocities with their half widths.
         rates: Velocity limits that depend on the time.
         turns: Times between samples at which the position limits are imposed, s.
     """
 
     half: Array
-    readings: Readings
     rates: Rates | None
     turns: Array
 
@@ -103,37 +101,49 @@ class Joint:
     """One joint's samples and limits.
 
     Attributes:
-        times: s, `(samples,)`.
-        positions: rad, `(samples,)`.
-        digits: Half width of each position at its true time, rad.
+        known: What its positions are known to.
         shift: Half width of each time, s.
         limits: Of velocity, acceleration and jerk; infinite where there is none.
         range: Position limits, rad.
-        logged: Logged velocities with their half widths.
         others: Limits of other kinds for this joint; some bound its velocity at each position.
+        readings: Logged velocities that are evidence of their own.
+        no_readings: Why the logged velocities are none; empty without any.
         stretch: Factor by which the motion is slowed down. The samples keep their times, and the
             limits are those of the motion before it is slowed down, so they are wider.
     """
 
-    times: Array
-    positions: Array
-    digits: Array
+    known: Premise
     shift: float
     limits: tuple[Limit, Limit, Limit]
     range: Limit
-    logged: Readings
     others: Mapping[str, OtherLimit]
+    readings: Readings = NO_READINGS
+    no_readings: str = ""
     stretch: float = 1.0
 
+    @property
+    def times(self) -> Array:
+        """Times of the samples, s."""
+        return self.known.times
+
+    @property
+    def positions(self) -> Array:
+        """Their positions, rad."""
+        return self.known.positions
+
+    @property
+    def digits(self) -> Array:
+        """Half width of each position at its true time, rad."""
+        return self.known.half
+
     def stretched(self, factor: float) -> Joint:
-        """Return the samples, without velocities, for a motion that is slowed down by a factor."""
+        """Return the samples for a motion that is slowed down by a factor."""
         wider = [
             (low * factor**order, high * factor**order)
             for order, (low, high) in enumerate(self.limits, start=1)
         ]
         velocity, acceleration, jerk = wider
-        limits = (velocity, acceleration, jerk)
-        return replace(self, limits=limits, logged=NO_READINGS, stretch=factor)
+        return replace(self, limits=(velocity, acceleration, jerk), stretch=factor)
 
     @property
     def half(self) -> Array:
@@ -141,26 +151,48 @@ class Joint:
 
         A stated time is off by up to `shift`, in which the joint moves at most `shift V`.
         """
-        low, high = self.limits[0]
-        return self.digits + self.shift * max(-low, high)
-
-    @cached_property
-    def readings(self) -> Readings:
-        """Return the logged velocities, with their half widths widened for rounded times.
-
-        There are none where times are rounded and the acceleration is not limited.
-        """
-        if not self.shift:
-            return self.logged
-        blur = self.shift * max(-self.limits[1][0], self.limits[1][1])
-        known = replace(self.logged, half=self.logged.half + blur)
-        return known if np.isfinite(blur) else NO_READINGS
+        return self.digits + (self.shift * max(map(abs, self.limits[0])) if self.shift else 0.0)
 
     @property
     def beyond(self) -> Array:
         """Return the least distance of each sample beyond the position limits, rad."""
         low, high = self.range
         return np.maximum(low - self.positions, self.positions - high) - self.digits
+
+    @property
+    def place(self) -> float | None:
+        """Return a position at which the joint may stand all the time, rad; None if it moves."""
+        low, high = self.range
+        lowest = max(float((self.positions - self.half).max()), low)
+        highest = min(float((self.positions + self.half).min()), high)
+        return (lowest + highest) / 2 if lowest <= highest else None
+
+    def may_rest(self, share: float) -> bool:
+        """Return whether the samples allow rest at both ends, with a share of the limits.
+
+        From rest a joint moves by at most V t, A t² / 2 and J t³ / 6.
+        """
+        for sign in (1, -1):
+            since = np.abs(self.times - self.times[::sign][0])
+            reach = np.full(len(since), np.inf)
+            for order, limit in enumerate(self.limits, start=1):
+                size = max(1.0, share) * max(map(abs, limit))
+                if np.isfinite(size):
+                    reach = np.minimum(reach, size * since**order / factorial(order))
+            first = 0 if sign == 1 else -1
+            moved = np.abs(self.positions - self.positions[first])
+            if (moved > reach + self.half + self.half[first]).any():
+                return False
+        return True
+
+    def still(self) -> TubeAnswer | None:
+        """Return the motion that stands; None if the joint moves."""
+        place = self.place
+        if place is None:
+            return None
+        degree = 3 if np.isfinite(self.limits[2][1]) else 2
+        knots = np.repeat(self.times[[0, -1]], degree + 1)
+        return TubeAnswer(0.0, 0.0, degree, knots, np.full(degree + 1, place), None)
 
     def found(self, rest: bool, passing: tuple[Array, Array] | None = None) -> TubeAnswer:
         """Return the motion that uses the smallest share of the limits, and the lower bound."""
@@ -171,7 +203,7 @@ class Joint:
             steep = 100 * max(self.limits[0]) / float(np.median(np.diff(self.times)))
             limits.append((-steep, steep))
         falling = self.falling()
-        own = _Conditions(self.half, self.readings, self._rates(self.reach, falling), np.zeros(0))
+        own = _Conditions(self.half, self._rates(self.reach, falling), np.zeros(0))
         found = self._solved(own, limits, rest, passing)
         for _ in range(_MAX_NARROWINGS):
             beyond = self.beyond_between(found)
@@ -198,17 +230,14 @@ class Joint:
         """Return narrower half widths, where this motion is slower than its limit allows."""
         speed = np.abs(spline(self.times, nu=1))
         half = np.minimum(own.half, self.digits + self.shift * speed)
-        readings = own.readings
-        if len(readings.times):
-            bend = np.abs(spline(readings.times, nu=2))
-            width = np.minimum(readings.half, self.logged.half + self.shift * bend)
-            readings = replace(readings, half=width)
-        return replace(own, half=half, readings=readings)
+        return replace(own, half=half)
 
     def beyond_between(self, found: TubeAnswer) -> Array:
         """Return times between samples at which the motion turns beyond its position limits, s."""
         low, high = self.range
-        inside = (found.coefficients >= low - _FLOOR) & (found.coefficients <= high + _FLOOR)
+        inside = (found.coefficients >= low - LEAST_HALF) & (
+            found.coefficients <= high + LEAST_HALF
+        )
         # A spline stays within the range of its coefficients. Samples beyond the limits are
         # reported elsewhere.
         if inside.all() or not np.isfinite(found.high) or self.beyond.max() > 0:
@@ -219,7 +248,9 @@ class Joint:
         turns = PPoly.from_spline(spline.derivative()).roots(extrapolate=False)
         turns = turns[np.isfinite(turns)]
         positions = spline(turns)
-        beyond: Array = turns[(positions < low - _FLOOR / 10) | (positions > high + _FLOOR / 10)]
+        beyond: Array = turns[
+            (positions < low - LEAST_HALF / 10) | (positions > high + LEAST_HALF / 10)
+        ]
         return beyond
 
     def falling(self) -> list[str]:
@@ -282,7 +313,7 @@ class Joint:
         points = self._inside(own)
         if passing is not None:
             points = _through(*points, passing)
-        return tube(*points, limits, rest=rest, readings=own.readings, rates=own.rates)
+        return tube(*points, limits, rest=rest, rates=own.rates)
 
     def _inside(self, own: _Conditions) -> tuple[Array, Array, Array]:
         """Return times, centres and half widths of the tube, cut off at the position limits.
@@ -314,107 +345,132 @@ class Joint:
             return True
         ends = self.times[[0, -1]]
         shifted = self.times + self.shift * np.array([[-1.0], [0.0], [1.0]])
-        kinds = [(0, self.positions, self.digits)]
-        if len(self.readings.times):
-            kinds.append((1, self.logged.values, self.logged.half))
-        for order, values, digits in kinds:
-            passed = found.spline()(np.clip(shifted, *ends), nu=order)
-            slack = digits * (1 + 1e-6)
-            above = passed.min(axis=0) <= values + slack
-            below = passed.max(axis=0) >= values - slack
-            if not (above & below).all():
-                return False
-        return True
+        passed = found.spline()(np.clip(shifted, *ends))
+        slack = self.digits * (1 + 1e-6)
+        above = passed.min(axis=0) <= self.positions + slack
+        below = passed.max(axis=0) >= self.positions - slack
+        return bool((above & below).all())
 
-    def singles(self) -> dict[str, float]:
-        """Return the share of each limit that every motion uses, with that limit alone."""
-        half = self.half
-        shares: dict[str, float] = {}
-        for order, (name, limit) in enumerate(zip(RATES, self.limits, strict=True)):
-            if not np.isfinite(limit[1]):
-                continue
-            if order == 0:
-                shares[name] = self.slope()[0]
-                continue
-            alone = [_UNLIMITED] * order + [limit]
-            shares[name] = tube(
-                self.times,
-                self.positions,
-                half,
-                alone,
-                rounds=_SINGLE_ROUNDS,
-                readings=self.readings,
-            ).low
+    @cached_property
+    def by_positions(self) -> dict[str, Bound]:
+        """Return what windows of positions prove of each limit."""
+        found: dict[str, Bound] = {}
+        for order, (name, (low, high)) in enumerate(zip(RATES, self.limits, strict=True), start=1):
+            if np.isfinite(high):
+                found[name] = self._bound(low, high, order)
+        if "velocity" in found:
+            found["velocity"] = self._steepest(found["velocity"])
         for key in self.falling():
-            shares[key] = self._least_of_falling(self.others[key])
-        return shares
+            found[key] = self._bound(*self.velocities(key), 1)
+        return found
 
-    def _least_of_falling(self, limit: OtherLimit) -> float:
-        """Return the share of a velocity limit that depends on position, used by every motion.
+    def velocities(self, key: str) -> tuple[Array, Array]:
+        """Return a limit that depends on the position, at the samples: low < 0 and high > 0."""
+        low, high = self.others[key].velocities(0, *self.reach(self.times))
+        return np.minimum(low, -_LEAST_VELOCITY), np.maximum(high, _LEAST_VELOCITY)
 
-        It is the largest share that the mean velocity over a window uses, less its doubt.
-        """
-        from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
-        low, high = limit.velocities(0, *self.reach(self.times))
-        share = 0.0
-        positions, half = self.positions[:, None], self.half[:, None]
-        for size, mean, doubt, _ in means_over_windows(self.times, positions, half, 1):
-            lowest = _filtered(minimum_filter1d, low, size)
-            highest = _filtered(maximum_filter1d, high, size)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                up = (mean - doubt)[:, 0] / highest
-                down = (mean + doubt)[:, 0] / lowest
-            share = max(share, float(np.nanmax(np.maximum(up, down))))
-        return share
-
-    def slope(self) -> tuple[float, float, float]:
-        """Return the share of the velocity limit that every motion uses, and its two times, s."""
-        steepest = slope(self.times, self.positions, self.half, self.limits[0])
-        low, high = self.limits[0]
+    @cached_property
+    def bounds(self) -> dict[str, Bound]:
+        """Return what windows of positions and of velocities prove of each limit."""
+        found = dict(self.by_positions)
         read = self.readings
-        if not len(read.times):
-            return steepest
-        shares = np.maximum((read.values - read.half) / high, (read.values + read.half) / low)
-        time = float(read.times[np.argmax(shares)])
-        return max(steepest, (float(shares.max()), time, time))
+        for order, (name, (low, high)) in enumerate(zip(RATES, self.limits, strict=True)):
+            if len(read.times) and name in found:
+                own = log_windows.bound(read.times, read.values, read.half, low, high, order)
+                own = replace(own, of_velocities=True)
+                found[name] = log_windows.best([found[name], own])
+        return found
+
+    def _bound(self, low: float | Array, high: float | Array, order: int) -> Bound:
+        return log_windows.bound(self.times, self.positions, self.half, low, high, order)
+
+    def _steepest(self, own: Bound) -> Bound:
+        """Return the bound on the velocity by the steepest pair of all samples."""
+        share, *at = slope(self.times, self.positions, self.half, self.limits[0])
+        if share <= own.share:
+            return own
+        rows = tuple(int(np.searchsorted(self.times, time)) for time in at)
+        return replace(own, share=share, rows=rows)
+
+    def alone(self, name: str) -> TubeAnswer:
+        """Return the tube's answer with one limit of `RATES` alone."""
+        order = RATES.index(name)
+        limits = [*[_UNLIMITED] * order, self.limits[order]]
+        return tube(self.times, self.positions, self.half, limits, rounds=_SINGLE_ROUNDS)
 
 
-def joints_of(log: Log, limits: Limits, noise: float, accelerations: Sequence[bool]) -> list[Joint]:
+def joints_of(
+    log: Log,
+    limits: Limits,
+    accelerations: Sequence[bool] = (),
+    *,
+    noise: float | None = None,
+    resolution: float | None = None,
+) -> list[Joint]:
+    """Return the joints of a log, with what their samples are known to.
+
+    Args:
+        log: The samples.
+        limits: Of its joints, the same in all segments.
+        accelerations: Whether each joint's acceleration is judged; by default all are.
+        noise: Standard deviation of the positions' noise, rad, if it is known.
+        resolution: Step of the sensors, rad, if it is known.
+    """
     judged = accelerations or [True] * log.positions.shape[1]
-    return [_joint(log, limits, noise, joint, own) for joint, own in enumerate(judged)]
+    return [_joint(log, limits, joint, own, noise, resolution) for joint, own in enumerate(judged)]
 
 
-def _joint(log: Log, limits: Limits, noise: float, joint: int, judged: bool) -> Joint:
-    digits = np.maximum(log.half_digits[:, joint], _FLOOR)
-    if noise:
-        digits = digits + noise * _noise_quantile(log.positions.size)
+def premise_of(
+    log: Log,
+    joint: int,
+    limits: Sequence[Limit],
+    noise: float | None = None,
+    resolution: float | None = None,
+) -> Premise:
+    """Return what the positions of a joint are known to; see `trajopt.judging.premise`."""
+    samples = log.times, log.positions[:, joint], log.half_digits[:, joint]
+    if log.commanded:
+        return premise.commanded(*samples)
+    return premise.measured(*samples, limits, log.positions.size, noise, resolution)
+
+
+def _joint(
+    log: Log,
+    limits: Limits,
+    joint: int,
+    judged: bool,
+    noise: float | None,
+    resolution: float | None,
+) -> Joint:
     own: list[Limit] = []
     for name in RATES:
         low, high = map(float, limits.by_name()[name][joint])
         known = np.isfinite([low, high]).all() and (judged or name != "acceleration")
         own.append((low, high) if known else _UNLIMITED)
     velocity, acceleration, jerk = own
+    count = log.positions.size
+    known_to = premise_of(log, joint, own, noise, resolution)
     low, high = map(float, limits.position[joint])
-    logged = NO_READINGS
-    if log.velocities is not None and log.velocity_half_digits is not None and not noise:
-        width = np.maximum(log.velocity_half_digits[:, joint], _FLOOR)
-        logged = Readings(log.times, log.velocities[:, joint], width)
-    return Joint(
-        times=log.times,
-        positions=log.positions[:, joint],
-        digits=digits,
+    found = Joint(
+        known=known_to,
         shift=log.time_half_digit,
         limits=(velocity, acceleration, jerk),
         range=(low, high),
-        logged=logged,
         others=limits.only([joint]).others,
     )
-
-
-def _noise_quantile(samples: int) -> float:
-    """Return the number of standard deviations that all samples keep, but for `NOISE_DOUBT`."""
-    return NormalDist().inv_cdf(1 - NOISE_DOUBT / (2 * samples))
+    stands = not np.ptp(log.positions[:, joint])
+    if log.velocities is None or log.velocity_half_digits is None or stands:
+        return found
+    if known_to.left_out:
+        return replace(found, no_readings="the positions repeat older values")
+    velocities, half = log.velocities[:, joint], log.velocity_half_digits[:, joint]
+    readings = log_velocities.evidence_of(known_to, velocities, half, own, count)
+    if isinstance(readings, str):
+        return replace(found, no_readings=readings)
+    blur = log.time_half_digit * max(map(abs, acceleration)) if log.time_half_digit else 0.0
+    if not np.isfinite(blur):
+        return replace(found, no_readings="their times are rounded, without acceleration limits")
+    return replace(found, readings=replace(readings, half=readings.half + blur))
 
 
 def _through(
@@ -424,7 +480,7 @@ def _through(
     own_times, waypoints = passing
     near = 1e-3 * float(np.diff(times).min())
     apart = np.abs(times[:, None] - own_times).min(axis=1) > near
-    narrow = np.full(len(own_times), max(_FLOOR, _WAYPOINT_SHARE * float(np.ptp(positions))))
+    narrow = np.full(len(own_times), max(LEAST_HALF, _WAYPOINT_SHARE * float(np.ptp(positions))))
     whole = np.concatenate([times[apart], own_times])
     order = np.argsort(whole, kind="stable")
     return (
@@ -450,62 +506,3 @@ def joined(chosen: Sequence[TubeAnswer], waypoint_times: Array) -> Trajectory | 
         return Trajectory.joined(pieces, waypoint_times)
     except InvalidTrajectory:  # breaks that differ by rounding only
         return None
-
-
-def window_of(times: Array, values: Array, half: Array, limits: Array, order: int) -> float:
-    """Return the shortest window, s, over which the samples exclude a mean excess of 5 %.
-
-    It is infinite where they exclude it over no window.
-
-    Args:
-        times: s, `(samples,)`.
-        values: Positions or velocities, `(samples, joints)`.
-        half: Their half widths.
-        limits: `(joints, 2)`, or at each sample `(samples, joints, 2)`, of which the tightest of a
-            window counts.
-        order: Order of the derivative of `values`.
-    """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
-    low, high = limits[..., 0], limits[..., 1]
-    for size, mean, doubt, longest in means_over_windows(times, values, half, order):
-        if limits.ndim == 3:
-            low = _filtered(maximum_filter1d, limits[..., 0], size)
-            high = _filtered(minimum_filter1d, limits[..., 1], size)
-        if np.maximum((mean + doubt) / high, (mean - doubt) / low).max() <= 1 + EXCESS:
-            return longest
-    return float("inf")
-
-
-def _filtered(extreme: Callable[..., Array], values: Array, size: int) -> Array:
-    """Return the extreme value in each window of `size` samples."""
-    found: Array = extreme(values, size, axis=0)
-    return found[size // 2 :][: len(values) - size + 1]
-
-
-def means_over_windows(
-    times: Array, values: Array, half: Array, order: int
-) -> Iterator[tuple[int, Array, Array, float]]:
-    """Yield means of a derivative over longer and longer windows.
-
-    A divided difference of samples is a mean of the derivative between them. It is known within a
-    half width, from those of the samples, which is smaller for longer windows.
-
-    Yields:
-        The number of samples of a window, each window's mean and its half width, and the longest
-        window, s.
-    """
-    stride = 1
-    while order * stride < len(times):
-        count = len(times) - order * stride
-        at = np.stack([times[i * stride : i * stride + count] for i in range(order + 1)])
-        mean = np.zeros((count, values.shape[1]))
-        doubt = np.zeros((count, values.shape[1]))
-        for i in range(order + 1):
-            others = [at[i] - at[j] for j in range(order + 1) if j != i]
-            weight = (factorial(order) / np.prod(others, axis=0))[:, None]
-            part = slice(i * stride, i * stride + count)
-            mean += weight * values[part]
-            doubt += np.abs(weight) * half[part]
-        yield order * stride + 1, mean, doubt, float((at[-1] - at[0]).max())
-        stride = stride + 1 if stride < _MAX_STRIDE_BY_ONE else int(_STRIDE_GROWTH * stride)
