@@ -272,7 +272,7 @@ def evidence(
 
 def _verdict(
     joints: Sequence[Joint],
-    found: Sequence[_Found],
+    found: Sequence[_MotionFound],
     convictions: Sequence[Conviction],
     lost: Sequence[Lost],
     window: float,
@@ -284,7 +284,7 @@ def _verdict(
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _MotionFound:
     """A joint's motion within its half widths.
 
     Attributes:
@@ -298,23 +298,23 @@ class _Found:
     kept: bool
 
 
-def _found(own: Joint) -> _Found:
+def _found(own: Joint) -> _MotionFound:
     still = own.still()
     if still is not None:
-        return _Found(still, True, True)
+        return _MotionFound(still, True, True)
     resting: TubeAnswer | None = None
     share = max((bound.share for bound in own.by_positions.values()), default=0.0)
     if own.may_rest(share):
         resting = own.found(rest=True)
         if resting.high <= 1 + KEPT_RTOL and resting.low <= 1 + BROKEN_RTOL:
-            return _Found(resting, True, not len(own.beyond_between(resting)))
+            return _MotionFound(resting, True, not len(own.beyond_between(resting)))
     free = own.found(rest=False)
     best, at_rest = free, False
     if resting is not None and resting.high <= max(1.0, free.high) * (1 + KEPT_RTOL):
         # What is proved of motions at rest is not proved of all.
         best, at_rest = replace(resting, low=free.low, proof=free.proof), True
     kept = best.high <= 1 + KEPT_RTOL and not len(own.beyond_between(best))
-    return _Found(best, at_rest, kept)
+    return _MotionFound(best, at_rest, kept)
 
 
 def passing(found: Evidence, times: Array, waypoints: Array) -> Evidence:
@@ -365,7 +365,7 @@ def _through_all(joints: Sequence[Joint], times: Array, waypoints: Array) -> _Th
     return _Through(times, [own.found(rest=True, passing=(times, q)) for own, q in columns])
 
 
-def _convictions(joints: Sequence[Joint], found: Sequence[_Found]) -> list[Conviction]:
+def _convictions(joints: Sequence[Joint], found: Sequence[_MotionFound]) -> list[Conviction]:
     """Return the strongest proof of each joint that breaks a limit, in rational numbers.
 
     Position limits come first, then the largest shares.
@@ -375,7 +375,7 @@ def _convictions(joints: Sequence[Joint], found: Sequence[_Found]) -> list[Convi
     return sorted(proofs, key=lambda one: (one.limit != "position", -one.at_least))
 
 
-def _conviction(joint: int, own: Joint, found: _Found) -> Conviction | None:
+def _conviction(joint: int, own: Joint, found: _MotionFound) -> Conviction | None:
     """Return the proof by one sample beyond the range, by a few rows, or by all samples."""
     beyond = own.beyond
     farthest = int(np.argmax(beyond))
