@@ -23,7 +23,7 @@ from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits import LimitName, Limits
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import log_velocities, log_windows, premise
-from trajopt.judging.log_windows import Bound
+from trajopt.judging.log_windows import WindowBound
 from trajopt.judging.premise import LEAST_HALF, Premise
 from trajopt.judging.tube import Rates, TubeAnswer, slope, tube
 from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings
@@ -352,9 +352,9 @@ class Joint:
         return bool((above & below).all())
 
     @cached_property
-    def by_positions(self) -> dict[str, Bound]:
+    def by_positions(self) -> dict[str, WindowBound]:
         """Return what windows of positions prove of each limit."""
-        found: dict[str, Bound] = {}
+        found: dict[str, WindowBound] = {}
         for order, (name, (low, high)) in enumerate(zip(RATES, self.limits, strict=True), start=1):
             if np.isfinite(high):
                 found[name] = self._bound(low, high, order)
@@ -370,7 +370,7 @@ class Joint:
         return np.minimum(low, -_LEAST_VELOCITY), np.maximum(high, _LEAST_VELOCITY)
 
     @cached_property
-    def bounds(self) -> dict[str, Bound]:
+    def bounds(self) -> dict[str, WindowBound]:
         """Return what windows of positions and of velocities prove of each limit."""
         found = dict(self.by_positions)
         read = self.readings
@@ -381,10 +381,10 @@ class Joint:
                 found[name] = log_windows.best([found[name], own])
         return found
 
-    def _bound(self, low: float | Array, high: float | Array, order: int) -> Bound:
+    def _bound(self, low: float | Array, high: float | Array, order: int) -> WindowBound:
         return log_windows.bound(self.times, self.positions, self.half, low, high, order)
 
-    def _steepest(self, own: Bound) -> Bound:
+    def _steepest(self, own: WindowBound) -> WindowBound:
         """Return the bound on the velocity by the steepest pair of all samples."""
         share, *at = slope(self.times, self.positions, self.half, self.limits[0])
         if share <= own.share:

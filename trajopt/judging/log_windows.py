@@ -24,7 +24,7 @@ _MAX_STRIDE_BY_ONE = 8
 
 
 @dataclass(frozen=True)
-class Bound:
+class WindowBound:
     """A bound on the use of a limit, from windows of samples.
 
     Attributes:
@@ -51,7 +51,7 @@ def bound(
     low: float | Array,
     high: float | Array,
     order: int,
-) -> Bound:
+) -> WindowBound:
     """Return the best bound over windows of all lengths.
 
     Args:
@@ -84,14 +84,14 @@ def bound(
             most = np.maximum((mean + doubt) / tight_high, (mean - doubt) / tight_low)
             if most.max() <= 1 + EXCESS:
                 shown = min(shown, longest)
-    return Bound(share, rows, margin, shown)
+    return WindowBound(share, rows, margin, shown)
 
 
-def best(bounds: Sequence[Bound]) -> Bound:
+def best(bounds: Sequence[WindowBound]) -> WindowBound:
     """Return the largest of bounds, with the shortest window of all."""
     largest = max(bounds, key=lambda own: own.share)
     shown = min(own.window for own in bounds)
-    return Bound(largest.share, largest.rows, largest.margin, shown, largest.of_velocities)
+    return WindowBound(largest.share, largest.rows, largest.margin, shown, largest.of_velocities)
 
 
 def proved(times: Array, values: Array, half: Array, low: float, high: float) -> Fraction:
