@@ -77,7 +77,7 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
     if readings:
         sentences.append(f"Reading of the paper: {readings}.")
     broken = any(table_cells.of_summary(one)["dilation"] != table_cells.MISSING for one in lines)
-    dilated = "; × 1.33: the others must be slowed by this (median)" if broken else ""
+    dilated = ", and × how much the others must be slowed down (median)" if broken else ""
     sentences.append(
         f"Kept: share of runs within every limit as claimed{dilated}. ∫jerk²: of the certified "
         "motion, all joints together, SI units; ∞ where acceleration jumps."

@@ -9,6 +9,7 @@ from math import comb, floor, isinf, isnan, log10
 from typing import Any
 
 MISSING = "–"
+INFINITE = "∞"
 TO_ROUNDING = "to rounding"  # in place of a share of runs that kept every limit
 NO_ANSWER = "none"  # in place of an infinite gap, duration or ratio
 ALONE = "alone"  # in place of a ratio of 0: only it has an answer
@@ -26,7 +27,7 @@ def number(value: float | None, form: str = ".4f") -> str:
     """A number; None and NaN are `MISSING`, and infinity is ∞."""
     if value is None or isnan(value):
         return MISSING
-    return "∞" if isinf(value) else format(value, form)
+    return INFINITE if isinf(value) else format(value, form)
 
 
 def duration(value: float) -> str:

@@ -13,6 +13,7 @@ from trials import as_runs
 from trajopt import Limits, Problem, Results, Solution, Status, Trajectory, compare
 from trajopt.benchmark.store import unfinished
 from trajopt.benchmark.trial import trials_of
+from trajopt.cli import problem_tables
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
@@ -197,3 +198,22 @@ def test_results_of_some_planners_and_of_common_problems():
         results.only(["nobody"])
     with pytest.raises(InvalidInput, match="no 0 of 3, far 2 of 3, near 3 of 3"):
         results.only(common=True)
+
+
+def test_the_page_has_waypoints_and_limits_and_says_infinite_as_the_terminal(page):
+    """`one-joint` in numbers; the exact motion's ∫ jerk² is infinite, not missing."""
+    [table] = re.findall(r'<table class="numbers">(.*?)</table>', page, re.S)
+    rows = re.findall(r"<tr><th>(.*?)</th><td class=\"n\">(.*?)</td>", table)
+    assert rows[:4] == [
+        (f"waypoint {k}", f"{q} rad") for k, q in enumerate("0 0.4 1 1.5".split(), 1)
+    ]
+    assert rows[4:] == [("velocity limit", "± 1 rad/s"), ("acceleration limit", "± 2 rad/s²")]
+    cells = re.findall(r'data-label="∫ jerk²" data-value="(.*?)">(.*?)</td>', page)
+    assert any(value == "Infinity" and "∞" in text for value, text in cells)
+
+
+def test_no_table_prints_a_number_of_its_own(capsys):
+    """Of `rash`: × 1.2247. The caption once had × 1.33 of an example."""
+    problem_tables.show(Results(ran(REFERENCE | {"rash": Slow(1.0)}, STEPS[:1])))
+    printed = capsys.readouterr().out
+    assert set(re.findall(r"× ([\d.]+)", printed)) == {"1.2247"}

@@ -22,6 +22,7 @@ from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
+from trajopt.core.renamed import current
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import BEST_KNOWN, ReferenceAnswer
@@ -64,7 +65,9 @@ class Origin:
                 raise InvalidInput(name, right, value=value)
 
     def __str__(self) -> str:
-        name = " ".join(filter(None, [self.method, self.version]))
+        planner, *options = self.method.split(":", 1)
+        method = ":".join([current(planner), *options])
+        name = " ".join(filter(None, [method, self.version]))
         return ", ".join(filter(None, [name, self.submitter, self.date]))
 
 

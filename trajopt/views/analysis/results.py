@@ -120,7 +120,7 @@ class Tables:
         pairs = zip(self.items, names, strict=True)
         trials = [trial for trial, own in pairs if not planners or own & wanted]
         shown = type(self)(trials, kept=self.kept, stopped=self.stopped)
-        if not common:
+        if not common or not trials:
             return shown
         found = shown.common()
         if not found.problems or found.left_out:

@@ -71,6 +71,7 @@ def write(
     )
     environment.filters["breaks"] = _breaks
     environment.filters["whole"] = _whole
+    environment.filters["number"] = _number
     html = environment.get_template("template.html").render(
         page=page,
         digest=_digest(results),
@@ -108,6 +109,13 @@ def _breaks(label: str) -> Markup:
     """A planner's label that may go on to the next line between its options."""
     parts = re.split("(?<=[:,])", label)
     return Markup("<span>{}</span>").format(Markup("<wbr>").join(parts))
+
+
+def _number(value: float | None) -> str:
+    """Return a number as a browser's script reads it; empty for none."""
+    if value is None:
+        return ""
+    return "Infinity" if value == float("inf") else str(value)
 
 
 def _whole(html: str) -> Markup:

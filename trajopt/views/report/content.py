@@ -26,6 +26,7 @@ from trajopt.views.figures.style import BLACK, CURVES, MARKERS, places
 from trajopt.views.report import lines, origin, verdict
 
 MAX_NUMBERS_SAID = 12  # of a demand, in a problem's line
+MAX_WAYPOINTS_SHOWN = 50  # in a problem's table
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
 SYMBOLS = {  # for each mark in figures: Plotly's name, and an SVG path around (15, 5)
@@ -125,6 +126,11 @@ class Page:
     def demands(self) -> list[str]:
         """Per problem, what else is asked of the way, with its numbers; empty for none."""
         return ["; ".join(_demands(problem)) for problem in self.problems]
+
+    @cached_property
+    def numbers(self) -> list[dict[str, Any]]:
+        """Per problem, its joints, waypoints and limits, as texts with units."""
+        return [_numbers(problem) for problem in self.problems]
 
     @cached_property
     def statuses(self) -> list[str]:
@@ -330,6 +336,23 @@ def _demands(problem: Problem) -> Iterator[str]:
         demand = DEMANDS[key]
         short = numbers.size <= MAX_NUMBERS_SAID
         yield demand.say(numbers, problem.shared_unit()) if short else demand.name
+
+
+def _numbers(problem: Problem) -> dict[str, Any]:
+    """Return the rows of a problem's table: its first waypoints, then its limits."""
+    shown = problem.waypoints[:MAX_WAYPOINTS_SHOWN]
+    rows = []
+    for number, waypoint in enumerate(shown, start=1):
+        units = map(problem.unit, range(problem.joints))
+        cells = [f"{value:.6g} {unit}" for value, unit in zip(waypoint, units, strict=True)]
+        rows.append({"name": f"waypoint {number}", "cells": cells})
+    differ = problem.limits.segments is not None
+    for limit in problem.limits.in_all_segments().kinds.values():
+        name = f"{limit.name()} limit" + (", tightest" if differ else "")
+        cells = [limit.of_joint(joint, problem) for joint in range(problem.joints)]
+        rows.append({"name": name, "cells": cells})
+    left_out = len(problem.waypoints) - len(shown)
+    return {"joints": list(problem.joint_labels), "rows": rows, "left_out": left_out}
 
 
 def limit_kinds(problem: Problem) -> str:

@@ -45,7 +45,8 @@ def of_row(row: Any) -> dict[str, NumberCell]:
     values["quartiles"] = row.q3 - row.q1
     found = {}
     for name, text in table_cells.of_summary(row).items():
-        ranked = text == table_cells.TO_ROUNDING or any(map(str.isdigit, text))
+        known = (table_cells.TO_ROUNDING, table_cells.INFINITE)
+        ranked = text in known or any(map(str.isdigit, text))
         found[name] = NumberCell(text, values[name]) if ranked else NumberCell(table_cells.MISSING)
     return found
 
