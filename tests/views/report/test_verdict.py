@@ -205,7 +205,7 @@ def test_the_page_has_waypoints_and_limits_and_says_infinite_as_the_terminal(pag
     [table] = re.findall(r'<table class="numbers">(.*?)</table>', page, re.S)
     rows = re.findall(r"<tr><th>(.*?)</th><td class=\"n\">(.*?)</td>", table)
     assert rows[:4] == [
-        (f"waypoint {k}", f"{q} rad") for k, q in enumerate("0 0.4 1 1.5".split(), 1)
+        (f"waypoint {k}", f"{q} rad") for k, q in enumerate(["0", "0.4", "1", "1.5"], 1)
     ]
     assert rows[4:] == [("velocity limit", "± 1 rad/s"), ("acceleration limit", "± 2 rad/s²")]
     cells = re.findall(r'data-label="∫ jerk²" data-value="(.*?)">(.*?)</td>', page)
