@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import factorial
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 
 import trajopt
 from trajopt.benchmark.store import trial_text
-from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core.exceptions import FileNote, InvalidInput, InvalidTrajectory
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
@@ -114,7 +115,7 @@ def test_the_optimum_has_no_gap_and_half_its_time_needs_twice_the_time():
     assert table["gap"] == pytest.approx(0, abs=1e-6)
     keys = "motion problem interpolation via_tolerance status duration claimed_duration"
     keys += " certified_duration feasible dilation gap waypoint_times flaws"
-    keys += " smoothness certificate evidence optimum_within_tolerance"
+    keys += " smoothness certificate evidence optimum_within_tolerance ends standing nearly"
     assert set(table) == set(keys.split())
 
 
@@ -176,18 +177,116 @@ def test_limits_alone_need_no_waypoints_not_even_where_it_ends_where_it_starts()
     assert fast.certificate.feasible
     assert fast.certificate.dilation == pytest.approx(0.5)
     keys = "motion interpolation duration feasible dilation certified_duration"
-    keys += " smoothness certificate evidence"
+    keys += " ends standing smoothness certificate evidence"
     assert list(fast.as_dict()) == keys.split()
 
 
-def test_limits_alone_find_a_motion_outside_its_positions_or_not_at_rest():
+def test_limits_alone_find_a_motion_outside_its_positions():
     limits = Limits([5.0], [5.0], position=[[-1.0, 0.7]])
     outside = as_executed(motion(samples()), limits)
-    assert "leaves its position limits by 0.3 rad" in outside.certificate.flaws[0]
-    moving = as_executed(motion(samples("0 0 0; 1 0.5 1; 2 1 0.5")), UNIT.limits)
-    assert "velocity jumps by 0.5 rad/s" in moving.certificate.flaws[0]
+    said = "a at 2 s: leaves its position limits by 0.3 rad (1 of 0.7)"
+    assert outside.certificate.flaws == (said,)  # one finding, not three
+    assert outside.certificate.position.value == pytest.approx(0.3)
     with pytest.raises(InvalidInput, match="stays where it is"):
         as_executed(motion(samples("0 0 0; 1 0 1; 2 0 0")), UNIT.limits)
+
+
+def test_limits_alone_take_the_ends_of_a_motion_as_facts():
+    given = motion(samples("0 0 0; 1 0.5 1; 2 1 0.5"))
+    moving = as_executed(given, Limits([5.0], [5.0]))
+    assert moving.kept
+    assert moving.as_dict()["ends"] == {"start_velocity": [0.0], "end_velocity": [0.5]}
+    resting = as_executed(given, Limits([5.0], [5.0]), ends={})
+    assert "velocity jumps by 0.5 rad/s" in resting.certificate.flaws[0]
+
+
+@pytest.mark.parametrize("jerk", [None, [300.0, 300.0]])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_cut_changes_no_verdict_on_limits(seed, jerk):
+    """The uses of a part are those of the whole there; the parts together use as much."""
+    rng = np.random.default_rng(seed)
+    rows = rng.uniform(-1, 1, (6, 2)).cumsum(axis=0)
+    times = rng.uniform(0.5, 1.5, 6).cumsum()
+    rest = [(order, np.zeros(2)) for order in (1, 2)]
+    whole = make_interp_spline(times - times[0], rows, k=5, bc_type=(rest, rest))
+    limits = Limits([2.5, 2.5], [9.0, 9.0], jerk)
+    motions = as_ppoly(whole)
+    entire = as_executed(motion(motions), limits, ends={})
+    at = rng.uniform(0.2, 0.8) * motions.x[-1]
+    parts = [as_executed(motion(own), limits) for own in cut(motions, at)]
+    assert all(not own.certificate.flaws for own in parts)
+    for key, use in entire.certificate.uses.items():
+        found = max(own.certificate.uses[key].value for own in parts)
+        assert found == pytest.approx(use.value, rel=1e-6)
+    assert entire.kept == all(own.kept for own in parts)
+
+
+def as_ppoly(spline):
+    """A spline as polynomials, from time 0 on."""
+    t, rows, k = spline.t, spline.c, spline.k
+    each = [PPoly.from_spline((t, column, k)) for column in rows.T]
+    (pieces,) = np.nonzero(np.diff(each[0].x))
+    breaks = np.append(each[0].x[pieces], each[0].x[-1])
+    return PPoly(np.stack([own.c[:, pieces] for own in each], axis=2), breaks)
+
+
+def cut(motion, at):
+    """Both parts of a motion, each from time 0 on."""
+    before = np.append(motion.x[motion.x < at], at)
+    after = np.append(at, motion.x[motion.x > at])
+    for breaks in (before, after):
+        shifted = [
+            np.array(
+                [motion(start, nu=order) / factorial(order) for order in range(len(motion.c))][::-1]
+            )
+            for start in breaks[:-1]
+        ]
+        yield PPoly(np.stack(shifted, axis=1), breaks - breaks[0])
+
+
+def test_a_waypoint_missed_by_little_gets_a_second_verdict():
+    near = samples("0 0 0; 1 0.5 1; 2 1 0")
+    problem = Problem([[0.0], [0.5], [1.0]], Limits([5.0], [1.0]), joint_names=("a",))
+    shifted = replace(near, positions=[[0.0], [0.5], [1.0000019]])
+    judged = trajopt.judge(problem, shifted)
+    assert not judged.certificate.valid
+    assert judged.nearly.via_tolerance == pytest.approx(2e-6)
+    assert judged.nearly.certificate.valid
+    assert judged.best is judged.nearly
+    # sqrt(4 h) each way is the optimum between 0 and 1, and the motion is it
+    assert judged.nearly.gap == pytest.approx(0, abs=1e-4)
+    assert judged.as_dict()["nearly"]["via_tolerance"] == judged.nearly.via_tolerance
+    far = replace(near, positions=[[0.0], [0.5], [1.2]])
+    assert trajopt.judge(problem, far).nearly is None
+
+
+def test_standing_at_the_ends_is_no_motion():
+    """0.5 s before and 1 s after the optimum of 2 s."""
+    given = samples("0 0 0; 0.5 0 0; 1.5 0.5 1; 2.5 1 0; 3.5 1 0")
+    judged = trajopt.judge(UNIT, given)
+    assert (judged.standing.start, judged.standing.end) == pytest.approx((0.5, 1.0))
+    assert judged.standing.moving == pytest.approx(2)
+    assert judged.gap == pytest.approx(0.75, abs=1e-5)
+    assert not trajopt.judge(UNIT, samples()).standing
+
+
+def test_steps_of_whole_turns_are_no_motion():
+    turn = 2 * np.pi
+    around = samples("0 3 0; 1 3.5 1; 2 4 0")
+    wrapped = replace(around, positions=[[3.0], [3.5 - turn], [4.0 - turn]])
+    limits = Limits([1.0], [4.0])
+    with pytest.warns(FileNote, match="steps of whole turns are no motion of a"):
+        found = as_executed(motion(wrapped), limits)
+    assert found.kept
+    assert found.certificate.velocity.value == pytest.approx(1)
+    with pytest.warns(FileNote, match="steps of whole turns"):
+        judged = trajopt.judge(Problem([[3.0], [4.0]], limits, joint_names=("a",)), wrapped)
+    assert judged.certificate.valid
+    elsewhere = replace(around, positions=around.positions - turn)
+    with pytest.warns(FileNote, match="moved by whole turns to the first waypoint: joint 1"):
+        assert trajopt.judge(Problem([[3.0], [4.0]], limits), elsewhere).certificate.valid
+    bounded = Limits([1.0], [4.0], position=[[-4.0, 4.0]])
+    assert not as_executed(motion(wrapped), bounded).kept
 
 
 def test_no_motion_is_judged_better_than_the_verifier_says():

@@ -11,9 +11,10 @@ passes the same points.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from math import tau
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,7 @@ from trajopt.benchmark.store.folder import is_trial, recorded
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS
-from trajopt.core.exceptions import InvalidInput, UnitWarning
+from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import KINDS, Limits
 from trajopt.core.problem import Problem
@@ -38,14 +39,15 @@ from trajopt.core.units import mixed_units
 from trajopt.explain import decomposition, references
 from trajopt.explain.decomposition import Explanation
 from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
-from trajopt.formats.motion import Motion
+from trajopt.formats.motion import Motion, of_samples
 from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
-from trajopt.judging.ends import states
+from trajopt.judging.ends import Standing, standing, standing_of, states
 from trajopt.judging.evidence import DEFAULT_WINDOW_S, Evidence
 from trajopt.judging.evidence import passing as through
 from trajopt.judging.passing import waypoint_times
-from trajopt.judging.smoothness import Smoothness, of_certified
+from trajopt.judging.smoothness import Smoothness, of_certified, smoothness
+from trajopt.judging.turns import unwrapped
 from trajopt.judging.verification import Certificate, verify
 from trajopt.planners.planner import Planner
 
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
 
+LITTLE = 0.05
+"""Share of the shortest segment by which a waypoint is missed by little, at most."""
 _RAD_IN_DEG = (38, 86)  # about 180 / pi
 
 
@@ -66,12 +70,15 @@ class Execution:
         certificate: The verifier's certificate. For a log, that of a motion within its digits, if
             there is one.
         evidence: The verdict on a log, with that motion; None where the motion is no log.
+        cut: Whether it begins or ends in motion, which no problem forbids: its exact peaks are
+            judged, without repair.
     """
 
     motion: Motion
     problem: Problem
     certificate: Certificate
     evidence: Evidence | None = field(default=None, kw_only=True)
+    cut: bool = field(default=False, kw_only=True)
 
     @property
     def executed(self) -> Trajectory:
@@ -82,7 +89,19 @@ class Execution:
     @cached_property
     def smoothness(self) -> Smoothness | None:
         """Return the integrals of the certified motion; None where the given one has a flaw."""
+        if self.cut and self.certificate.valid:
+            factor = max(1.0, self.certificate.dilation)
+            return smoothness(self.problem, self.executed).dilated(factor)
         return of_certified(self.problem, self.executed, self.certificate)
+
+    @cached_property
+    def standing(self) -> Standing:
+        """Return how long the given motion stands at its ends."""
+        limits, samples = self.problem.limits, self.motion.samples
+        if self.evidence is None or samples is None or samples.half_digits is None:
+            return standing_of(self.motion.trajectory, limits)
+        half = np.median(samples.half_digits, axis=0)
+        return standing(samples.times, samples.positions, half, limits)
 
     @property
     def kept(self) -> bool:
@@ -107,6 +126,8 @@ class Execution:
             "feasible": self.certificate.feasible,
             "dilation": self.certificate.dilation,
             "certified_duration": self.certificate.certified_duration,
+            "ends": _ends(self.executed),
+            "standing": {"start": self.standing.start, "end": self.standing.end},
             "smoothness": self.smoothness and self.smoothness.as_dict(),
             "certificate": self.certificate.as_dict(),
             "evidence": self.evidence and self.evidence.as_dict(),
@@ -195,6 +216,28 @@ class Judgement(Execution):
         certificate = verify(lifted, self.trajectory)
         return replace(self, problem=lifted, certificate=certificate) if certificate.valid else None
 
+    @cached_property
+    def nearly(self) -> Judgement | None:
+        """The verdict through the points that the motion passes, if it misses waypoints by little.
+
+        Little is at most `LITTLE` of the shortest segment. None where a tolerance was given, or the
+        motion would be invalid with one too.
+        """
+        if self.certificate.valid or self.via_tolerance:
+            return None
+        times = self.trajectory.waypoint_times
+        miss = float(np.abs(self.trajectory(times) - self.problem.waypoints).max())
+        needed = _rounded_up(miss)
+        if not 0 < needed <= LITTLE * _shortest(self.problem):
+            return None
+        return _passed(self, needed)
+
+    @property
+    def best(self) -> Judgement:
+        """This verdict, or the one without jerk limits or through the points that it passes."""
+        nearly = self.nearly
+        return self.without_jerk or (nearly and (nearly.without_jerk or nearly)) or self
+
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
         table = super().as_dict() | {
@@ -209,6 +252,8 @@ class Judgement(Execution):
         }
         if self.problem.has("jerk"):
             table["without_jerk"] = self.without_jerk and self.without_jerk.as_dict()
+        if not self.via_tolerance:
+            table["nearly"] = self.nearly and self.nearly.as_dict()
         return table
 
 
@@ -270,6 +315,8 @@ def judge(
     if told is not None and told.motion is not None and at_rest:
         times = passing(asked, told.motion).waypoint_times
         told = through(told, times, asked.waypoints)
+    if told is None:
+        given = at_turns(without_turns(given, asked.limits), asked)
     within = told and told.motion
     trajectory = passing(asked, within or given.trajectory)
     certificate = verify(asked, trajectory, at_rest=at_rest)
@@ -277,13 +324,23 @@ def judge(
     strict = replace(strict, evidence=_confirmed(strict, valid=True))  # of limits, not waypoints
     if strict.certificate.valid or via_tolerance == 0:
         return strict
-    moved = _as_passed(asked, trajectory, via_tolerance)
-    certificate = verify(moved, trajectory, at_rest=at_rest)
+    return _passed(strict, via_tolerance) or strict
+
+
+def _passed(strict: Judgement, via_tolerance: float) -> Judgement | None:
+    """Return the verdict through the points that the motion passes; None where it helps nothing."""
+    at_rest = strict.evidence is None or strict.evidence.at_rest
+    moved = _as_passed(strict.problem, strict.trajectory, via_tolerance)
     passed = replace(
-        strict, problem=moved, certificate=certificate, tolerance_needed=True, asked=asked
+        strict,
+        problem=moved,
+        certificate=verify(moved, strict.trajectory, at_rest=at_rest),
+        via_tolerance=via_tolerance,
+        tolerance_needed=True,
+        asked=strict.problem,
     )
-    helps = certificate.valid or (passed.without_jerk and not strict.without_jerk)
-    return passed if helps else strict
+    helps = passed.certificate.valid or (passed.without_jerk and not strict.without_jerk)
+    return passed if helps else None
 
 
 def without_jerk(problem: Problem) -> Problem | None:
@@ -342,12 +399,25 @@ def _check_joints(motion: Motion, joints: int) -> None:
 
 
 def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
-    largest = np.abs(problem.displacements).max(axis=1)
-    shortest = float(largest[largest > 0].min())
+    shortest = _shortest(problem)
     if not 0 <= via_tolerance < shortest / 2:
         right = f"a number from 0 to less than half the shortest segment, {shortest:.4g} "
         right += problem.shared_unit()
         raise InvalidInput("via_tolerance", right, value=via_tolerance)
+
+
+def _shortest(problem: Problem) -> float:
+    """Return the largest displacement of any joint in the shortest segment that moves, rad."""
+    largest = np.abs(problem.displacements).max(axis=1)
+    return float(largest[largest > 0].min())
+
+
+def _rounded_up(size: float) -> float:
+    """Return the next larger number of one digit; 0 of 0."""
+    if not 0 < size < np.inf:
+        return 0.0
+    unit = 10.0 ** np.floor(np.log10(size))
+    return float(f"{np.ceil(size / unit * (1 - 1e-12)) * unit:.0e}")
 
 
 def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -> Problem:
@@ -371,13 +441,13 @@ def as_executed(
     joint_units: Sequence[str] = (),
     accelerations: bool = True,
     log: LogOptions | None = None,
-    ends: Mapping[str, Array] = NOTHING,
+    ends: Mapping[str, Array] | None = None,
 ) -> Execution:
     """Judge a motion, as a controller runs it, by limits alone.
 
-    The robot must rest before and after, unless `ends` says otherwise. A log that was cut has the
-    ends of the motion within its digits: this motion is verified between its own end states, or if
-    it cannot be, for its peaks alone. `UnitWarning` warns of a joint whose motion or limits seem to
+    How the motion begins and ends is a fact, unless `ends` demands a state: a motion may replace
+    another one that runs, or be cut out of a longer one. Steps of whole turns of joints without
+    position limits are no jumps. `UnitWarning` warns of a joint whose motion or limits seem to
     be in degrees.
 
     Args:
@@ -387,7 +457,8 @@ def as_executed(
         accelerations: Whether accelerations are judged. If not, their limits only scale the jumps
             of velocity that are repaired.
         log: Returns the verdict on a log; None for a motion that is executed as it is.
-        ends: The given states at both ends (`trajopt.core.demand.END_STATES`).
+        ends: The demanded states at both ends (`trajopt.core.demand.END_STATES`), at rest where one
+            is missing; by default none is demanded.
 
     Raises:
         InvalidInput: It has another number of joints than the limits, or never moves.
@@ -402,9 +473,10 @@ def as_executed(
     if log is not None:
         judged = [accelerations] * limits.joints
         told = evidence_of(motion, limits, log, judged)
+    if told is None:
+        motion = without_turns(motion, limits)
     at_rest = told is None or told.at_rest
-    within = told and told.motion
-    trajectory = within or motion.trajectory
+    trajectory = (told and told.motion) or motion.trajectory
     at_breaks = trajectory(trajectory.breaks)
     if not np.ptp(at_breaks, axis=0).any():
         right = "a motion; at its samples this one stays where it is"
@@ -418,20 +490,48 @@ def as_executed(
         name=motion.name,
         joint_names=motion.joint_names,
         joint_units=joint_units or motion.joint_units,
-        demands=ends,
+        demands=ends or NOTHING,
     )
     motion.check_units(problem)
     _warn_of_units(problem, motion.trajectory(times))
     unjudged = () if accelerations else ("acceleration",)
-    if not at_rest and not ends:
-        moving = replace(problem, demands=states(own, limits))
-        certificate = verify(moving, own, unjudged=unjudged)
-        if certificate.valid:
-            found = Execution(motion, moving, certificate, evidence=told)
-            return replace(found, evidence=_confirmed(found, valid=True))
-    certificate = verify(problem, own, unjudged=unjudged, at_rest=at_rest)
+    certificate = _of_limits(problem, own, unjudged, at_rest=at_rest)
     found = Execution(motion, problem, certificate, evidence=told)
-    return replace(found, evidence=_confirmed(found, valid=certificate.valid))
+    if ends is None and not (at_rest and certificate.valid):
+        moving = replace(problem, demands=states(own, limits))
+        if told is not None:
+            between = verify(moving, own, unjudged=unjudged)
+            if between.valid:
+                found = Execution(motion, moving, between, evidence=told)
+                return replace(found, evidence=_confirmed(found, valid=True))
+        free = _of_limits(moving, own, unjudged, at_rest=False)
+        if len(free.flaws) < len(certificate.flaws) or not at_rest:
+            found = replace(found, problem=moving, certificate=free, cut=True)
+    return replace(found, evidence=_confirmed(found, valid=found.certificate.valid))
+
+
+def _of_limits(
+    problem: Problem, own: Trajectory, unjudged: Collection[str], *, at_rest: bool
+) -> Certificate:
+    """Return the certificate of a motion whose waypoints are its own.
+
+    These are moved into the position limits; a motion that leaves them misses no waypoint there,
+    and does not jump.
+    """
+    certificate = verify(problem, own, unjudged=unjudged, at_rest=at_rest)
+    beyond = np.abs(own(own.waypoint_times) - problem.waypoints).max(axis=0)
+    if certificate.valid or not (beyond > problem.rounding).any():
+        return certificate
+    free = replace(problem.without("position"), waypoints=own(own.waypoint_times))
+    found = verify(free, own, unjudged=unjudged, at_rest=at_rest)
+    use = problem.limits.worst("position", own)
+    flaw = problem.limits.kinds["position"].flaw(use, np.zeros(problem.joints), problem)
+    if flaw and use.joint is not None:
+        low, high = problem.limits.position[use.joint]
+        there = float(own(use.time)[use.joint])
+        flaw += f" ({there:.3g} of {high if there > high else low:.3g})"
+    uses = {key: found.uses.get(key, use) for key in certificate.uses}
+    return replace(found, uses=uses, flaws=tuple(filter(None, [flaw, *found.flaws])))
 
 
 def _confirmed(found: Execution, *, valid: bool) -> Evidence | None:
@@ -476,6 +576,51 @@ def _warn_of_units(problem: Problem, positions: Array) -> None:
             message = f"{problem.name}, {label}: {mixed}; limits are rad/s, or tagged !degrees"
             warnings.warn(UnitWarning(message), stacklevel=3)
             return
+
+
+def without_turns(motion: Motion, limits: Limits) -> Motion:
+    """Return the motion without steps of whole turns of joints without position limits."""
+    samples = motion.samples
+    if samples is None:
+        return motion
+    turning = [unit != "m" for unit in motion.joint_units] or [True] * limits.joints
+    exact = np.zeros(limits.joints)
+    positions, rows = unwrapped(samples.times, samples.positions, exact, limits, turning)
+    if not any(rows):
+        return motion
+    names = [name for name, own in zip(samples.joint_names, rows, strict=True) if own]
+    warnings.warn(
+        FileNote(f"{motion.name}: steps of whole turns are no motion of {', '.join(names)}"),
+        stacklevel=3,
+    )
+    kind: Any = motion.interpolation
+    again = of_samples(motion.name, replace(samples, positions=positions), kind)
+    return replace(motion, trajectory=again.trajectory, samples=again.samples)
+
+
+def at_turns(motion: Motion, problem: Problem) -> Motion:
+    """Return the motion with joints without position limits moved by whole turns to its start."""
+    own = motion.trajectory
+    free = np.isinf(problem.limits.position).all(axis=1)
+    turning = [problem.unit(joint) == "rad" for joint in range(problem.joints)]
+    turns = np.round((problem.waypoints[0] - own(0.0)) / tau) * (free & np.array(turning))
+    turns[np.abs(turns) > 1e3] = 0.0  # no numbers of a robot
+    if not turns.any():
+        return motion
+    joints = [label for label, own in zip(problem.joint_labels, turns, strict=True) if own]
+    warnings.warn(
+        FileNote(f"{motion.name}: moved by whole turns to the first waypoint: {', '.join(joints)}"),
+        stacklevel=3,
+    )
+    moved = own.coefficients.copy()
+    moved[-1] += tau * turns
+    return replace(motion, trajectory=replace(own, coefficients=moved))
+
+
+def _ends(motion: Trajectory) -> dict[str, list[float]]:
+    """Return the velocities at both ends, SI units, a number per joint."""
+    first, last = motion(np.array([0.0, motion.duration]), 1).tolist()
+    return {"start_velocity": first, "end_velocity": last}
 
 
 def _own_waypoints(positions: Array, limits: Limits) -> NDArray[np.intp]:

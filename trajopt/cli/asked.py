@@ -37,6 +37,7 @@ class RobotOptions:
         urdf: URDF of the waypoints' robot: joint names, positions, velocities.
         limits: MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them.
         unit: Units of waypoints (or of a motion) without a header, such as deg,mm,ms.
+        no_unwrap: Keep whole turns of joints that a URDF calls continuous.
     """
 
     robot: str | None = None
@@ -46,6 +47,7 @@ class RobotOptions:
     acceleration: Annotated[
         float | None, number("Acceleration limit of joints without one, rad/s^2 (m/s^2).", above=0)
     ] = None
+    no_unwrap: bool = False
 
     @property
     def said(self) -> dict[str, object]:
@@ -56,6 +58,7 @@ class RobotOptions:
             "--limits": self.limits,
             "--unit": self.unit,
             "--acceleration": self.acceleration,
+            "--no-unwrap": self.no_unwrap or None,
         }
         return {flag: value for flag, value in flags.items() if value is not None}
 
@@ -120,7 +123,7 @@ def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool =
             )
         elif not scaled:
             note_factors(own, robot)
-        found = waypoints.problem(path, planned, robot.unit)
+        found = waypoints.problem(path, planned, robot.unit, unwrap=not robot.no_unwrap)
         note_acceleration(robot, completed=own.completed.intersection(found.joint_names))
         return found
 

@@ -34,6 +34,7 @@ from trajopt.cli.plan import check_target, print_durations, print_smoothness, pr
 from trajopt.formats.motion import TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judgement import Execution, Judgement
+from trajopt.judging.ends import Standing
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views.export import motion_file
@@ -95,7 +96,7 @@ def judge(
             commanded=commanded,
             window=window,
         )
-    told = found.without_jerk or found
+    told = found.best
     with console.waiting("asking the references"):
         explanation = told.explanation
     if told.below_optimum and told.gap is not None:
@@ -108,7 +109,9 @@ def judge(
         return code
     _print(found)
     if told is not found:
-        console.paragraph(f"Without the jerk limits: {_mended(told.certificate)}")
+        console.paragraph(f"{_unlike(told, found)}: {_mended(told.certificate)}")
+    for sentence in _durations(told):
+        console.paragraph(sentence)
     if explanation is not None:
         slowed = told.certificate.dilation > 1 and not told.certificate.feasible
         for sentence in sentences(told.motion.name, told.problem, explanation, slowed=slowed):
@@ -120,6 +123,33 @@ def judge(
     console.line(f"figure: {figure}")
     write_log_motion(out, found)
     return code
+
+
+def _unlike(told: Judgement, found: Judgement) -> str:
+    """Say by what the second verdict differs from the first."""
+    parts = []
+    if told.tolerance_needed and not found.tolerance_needed:
+        unit = found.problem.shared_unit()
+        size = f"{told.via_tolerance:g}"
+        parts.append(f"Within {size} {unit} of all waypoints (--via-tolerance {size})")
+    if found.problem.has("jerk") and not told.problem.has("jerk"):
+        parts.append("without the jerk limits" if parts else "Without the jerk limits")
+    return " and ".join(parts)
+
+
+def _durations(told: Judgement) -> Iterator[str]:
+    """Say how the duration compares with the optimum; of a motion that stands, without it too."""
+    gap, certified, stands = told.gap, told.certified_duration, told.standing
+    if gap is None or certified is None or not (stands or told.tolerance_needed):
+        return
+    if not stands:
+        yield f"That takes {1 + gap:.4g} times the optimum through these points."
+        return
+    moving = (1 + gap) * (1 - (stands.start + stands.end) / stands.duration)
+    yield (
+        f"It stands {stands.start:.3g} s + {stands.end:.3g} s; moving, it takes {moving:.4g} times "
+        f"the optimum; whole, {1 + gap:.4g} times."
+    )
 
 
 def check_log_out(path: Path | None, *, force: bool) -> None:
@@ -200,6 +230,11 @@ def _verdict(found: Judgement) -> Iterator[str]:
                 f"Within that tolerance of every waypoint the best known optimum is {within:.6g} "
                 f"s: this takes {100 * (duration / within - 1):.2f} % longer."
             )
+
+
+def standing_words(found: Standing) -> str:
+    """Say how long a motion stands at its ends."""
+    return f"It stands {found.start:.3g} s + {found.end:.3g} s, and moves for {found.moving:.6g} s."
 
 
 def slower(certificate: Certificate) -> str:

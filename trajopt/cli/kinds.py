@@ -39,6 +39,7 @@ _SIGNS = {
     ),
     r"(?m)^ *cartesian_limits\s*:": "a pilz_cartesian_limits.yaml",
     r"""(?m)^[ "'{-]*(joint_names|points|trajectory|position)["']?\s*:""": "a ROS message",
+    r"""["'](time_from_start|joint_trajectory|joint_names)["']\s*:""": "a ROS message",
     r"""["'](breaks|coefficients)["']\s*:""": "a motion of polynomials",
     r"""["']waypoints["']\s*:|\A\s*\[\s*\[\s*[-\d.]""": "a JSON file of waypoints",
     r"\A\s*(\{|\[\s*[\"{\d-])": "a JSON file of another kind",

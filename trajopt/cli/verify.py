@@ -16,7 +16,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, evidence_words, kinds
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.console import PlainTable
-from trajopt.cli.judge import check_log_out, slower, unmendable, write_log_motion
+from trajopt.cli.judge import check_log_out, slower, standing_words, unmendable, write_log_motion
 from trajopt.cli.parameters import (
     Commanded,
     Force,
@@ -112,7 +112,9 @@ def _verify_motion(
     json: bool,
 ) -> int:
     """Judge a motion as a controller runs it, by limits alone."""
-    limits = {flag: value for flag, value in robot.said.items() if flag != "--unit"}
+    limits = {
+        flag: value for flag, value in robot.said.items() if flag not in ("--unit", "--no-unwrap")
+    }
     if robot.acceleration is not None:
         limits["--acceleration"] = f"{robot.acceleration:g} rad/s² for joints without one"
     asked.check_motion_unit(robot.unit, [path], "--unit")
@@ -220,10 +222,24 @@ def _print_execution(found: Execution, limits: str) -> None:
     pieces = len(found.motion.trajectory.lengths)
     kind = found.motion.interpolation
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
-    for sentence in _mended(certificate, kind):
+    for sentence in [*_mended(certificate, kind), *_at_ends(found)]:
         console.paragraph(sentence)
     print_smoothness(found.smoothness, found.problem)
     print_worst(certificate, found.problem)
+
+
+def _at_ends(found: Execution) -> Iterator[str]:
+    """Say how the motion begins and ends, if not at rest, and how long it stands there."""
+    if found.cut:
+        motion, unit = found.executed, found.problem.shared_unit()
+        fastest = np.abs(motion(np.array([0.0, motion.duration]), 1)).max(axis=1)
+        said = " and ".join(
+            f"{verb} at {speed:.3g} {unit}/s"
+            for verb, speed in zip(("begins", "ends"), fastest, strict=True)
+        )
+        yield f"It {said}: no problem was stated that forbids it."
+    if found.standing:
+        yield standing_words(found.standing)
 
 
 def _mended(certificate: Certificate, interpolation: str) -> Iterator[str]:

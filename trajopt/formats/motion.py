@@ -179,7 +179,7 @@ def motion(
     if isinstance(given, str | Path):
         return _read(Path(given), interpolation, unit, joint_units)
     if isinstance(given, Samples):
-        return _of_samples("samples", given, interpolation)
+        return of_samples("samples", given, interpolation)
     _check_nothing_to_join(interpolation)
     if isinstance(given, Motion):
         return given
@@ -189,7 +189,8 @@ def motion(
     return Motion(type(given).__name__, spline, "polynomial")
 
 
-def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
+def of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
+    """Return the motion of samples, joined as `interpolation` says."""
     trajectory = samples.trajectory(interpolation)
     kind = samples.interpolation(interpolation)
     return Motion(name, trajectory, kind, samples.joint_names, samples.joint_units, samples=samples)
@@ -210,7 +211,7 @@ def _read(
     try:
         if path.suffix in TABLES:
             samples = samples_csv.read(path, unit, joint_units)
-            motion = _of_samples(path.name, samples, interpolation)
+            motion = of_samples(path.name, samples, interpolation)
         else:
             motion = _in_file(path, interpolation)
         check_work(*motion.trajectory.coefficients.shape)
@@ -226,7 +227,7 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
     stated = _stated(table, path.name) if isinstance(table, Mapping) else None
     if stated is None:
         samples = joint_state.read(path) or joint_trajectory.read(path)
-        return replace(_of_samples(path.name, samples, interpolation), of_message=True)
+        return replace(of_samples(path.name, samples, interpolation), of_message=True)
     _check_nothing_to_join(interpolation)
     trajectory, names = stated
     if names:

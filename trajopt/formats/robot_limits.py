@@ -50,6 +50,7 @@ class RobotLimits:
         units: Each joint's SI unit, "rad" or "m", where the source says whether it slides.
         others: Rows of the numbers of other kinds of limits (`Limit.numbers`), by kind and joint.
         unsound: The error of each joint that cannot be used.
+        continuous: Joints that turn without end, so that whole turns make no difference.
         completed: Joints whose acceleration limit is that of `with_acceleration`.
     """
 
@@ -61,6 +62,7 @@ class RobotLimits:
     units: Mapping[str, str] = field(default_factory=dict)
     others: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     unsound: Mapping[str, InvalidInput] = field(default_factory=dict)
+    continuous: frozenset[str] = frozenset()
     completed: frozenset[str] = frozenset()
 
     @property
@@ -93,6 +95,7 @@ class RobotLimits:
             units={**other.units, **self.units},
             others={**other.others, **self.others},
             unsound={**other.unsound, **self.unsound},
+            continuous=self.continuous | other.continuous,
         )
 
     def _note_left_out(self, other: RobotLimits) -> None:

@@ -179,7 +179,15 @@ def _robot(root: Element, source: str) -> RobotLimits:
     keys.note_unread(source, unread)
     note_braking(source, braking)
     others = {FallingVelocity.key: falling} if falling else {}
-    return RobotLimits(joints, source=source, units=units, others=others, unsound=unsound)
+    turning = root.findall("joint[@type='continuous']")
+    return RobotLimits(
+        joints,
+        source=source,
+        units=units,
+        others=others,
+        unsound=unsound,
+        continuous=frozenset(joint.get("name", "") for joint in turning),
+    )
 
 
 def _other_keys(joint: Element) -> Iterator[str]:

@@ -24,7 +24,7 @@ import numpy as np
 from trajopt.core import files, keys
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
-from trajopt.core.keys import Key
+from trajopt.core.keys import Key, note
 from trajopt.core.problem import Problem
 from trajopt.core.tables import waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, contradicted, mixed_units
@@ -78,7 +78,9 @@ def read(path: Path) -> Waypoints:
         raise files.unreadable(path, "waypoints", path.suffix, error) from None
 
 
-def problem(path: Path, robot: RobotLimits, unit: str | None = None) -> Problem:
+def problem(
+    path: Path, robot: RobotLimits, unit: str | None = None, *, unwrap: bool = True
+) -> Problem:
     """The problem of waypoints under a robot's limits.
 
     Columns belong to the joints that the header names, in any order; without names, to the robot's
@@ -89,13 +91,15 @@ def problem(path: Path, robot: RobotLimits, unit: str | None = None) -> Problem:
         robot: The limits.
         unit: Units of columns whose header says none, like "deg" or "deg,mm"; by default radians,
             with a `UnitWarning` where they look like degrees, and metres.
+        unwrap: Whether joints that turn without end take the nearest way to a waypoint; a
+            `FileNote` names them.
 
     Raises:
         InvalidInput: Names the file, the row, the joint, the value, and what would be right.
     """
     waypoints = read(path)
     try:
-        return _problem(waypoints, robot, unit, path)
+        return _problem(waypoints, robot, unit, path, unwrap=unwrap)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
@@ -114,7 +118,9 @@ def _names(waypoints: Waypoints, robot: RobotLimits) -> tuple[str, ...]:
     return known_as(names, robot.joint_names, ordered=robot.ordered)
 
 
-def _problem(waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: Path) -> Problem:
+def _problem(
+    waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: Path, *, unwrap: bool
+) -> Problem:
     wanted = asked(unit)
     names = _names(waypoints, robot)
     limits = robot.limits(names)
@@ -132,8 +138,16 @@ def _problem(waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: P
     described = robot.described(names)
     if not turning.all():
         described["joint_units"] = np.where(turning, "rad", "m").tolist()
+    rows = written.waypoints * [UNITS[own or "rad"] for own in units]
+    continuous = [joint for joint, name in enumerate(names) if name in robot.continuous]
+    if unwrap:
+        nearest = np.unwrap(rows[:, continuous], axis=0)
+        moved = np.abs(nearest - rows[:, continuous]).max(axis=0, initial=0.0) > 1
+        rows[:, continuous] = np.where(moved, nearest, rows[:, continuous])
+        turned = [names[joint] for joint, own in zip(continuous, moved, strict=True) if own]
+        note(path.name, "the nearest way is taken (not with --no-unwrap) by continuous ", turned)
     return Problem(
-        written.waypoints * [UNITS[own or "rad"] for own in units],
+        rows,
         limits,
         name=path.stem,
         source=f"{path.name}, limits of {robot.source}",

@@ -10,6 +10,8 @@ import numpy as np
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 
+_MOST_TURNS = 1000.0  # beyond, the rounding of a position is no small part of a turn
+
 
 def unwrapped(
     times: Array, positions: Array, half: Array, limits: Limits, turns: Sequence[bool] = ()
@@ -38,6 +40,7 @@ def unwrapped(
     step = np.diff(positions, axis=0)
     whole = np.round(step / tau)
     wrapped = (np.abs(step - tau * whole) <= reach) & (np.abs(step) > reach) & continuous
+    wrapped &= (np.abs(whole) > 0) & (np.abs(whole) <= _MOST_TURNS)
     shift = np.cumsum(np.where(wrapped, whole, 0.0), axis=0)
     found = positions.copy()
     found[1:] -= tau * shift

@@ -24,7 +24,7 @@ def refusal(goal: dict[str, Any], names: list[str], limits: Limits) -> str:
         sent = motion(joint_trajectory.from_message(goal))
         if set(sent.joint_names) != set(names):
             return f"joint_names is {list(sent.joint_names)}: expected {names}"
-        execution = as_executed(sent.for_joints(names), limits)
+        execution = as_executed(sent.for_joints(names), limits, ends={})
     except InvalidInput as error:
         return str(error)
     if execution.kept:
