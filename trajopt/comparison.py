@@ -20,6 +20,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.progress import Progress, Report, reporter
@@ -52,12 +53,14 @@ def compare(
     memory: float | None = None,
     progress: Report | bool | None = None,
     executor: Executor | None = None,
+    fresh_reference: bool = False,
 ) -> Results:
     """Run every planner on every problem, keep every trial, return those that were asked for.
 
-    The references that a problem needs join the planners, since gaps need those. Trials already in
-    `folder` are kept unless `fresh`: those of the same problem, planner, options, seed and code.
-    Trials that crashed, missed a package or hit a smaller limit are run again.
+    Gaps are to the best known motion of a problem, which is verified anew. For a problem that has
+    none, the references that it needs join the planners. Trials already in `folder` are kept unless
+    `fresh`: those of the same problem, planner, options, seed and code. Trials that crashed, missed
+    a package or hit a smaller limit are run again.
 
     Args:
         problems: Problems, names of built-in ones, or problem files; one alone needs no list.
@@ -76,6 +79,7 @@ def compare(
         progress: True for a line on standard error, False for none; by default there is one in a
             terminal and in a notebook. A function is called with a `Progress` at the start and
             after each task.
+        fresh_reference: Whether the references join on every problem.
         executor: Runs the trials instead of `jobs`: any of `concurrent.futures`, or a Dask
             client's. Its workers must see `folder`; they isolate and judge as `jobs` does.
 
@@ -106,7 +110,8 @@ def compare(
     def ask(contestant: Contestant) -> Profile:
         return runner.profiled(contestant, loaded, allowed)
 
-    tasks = tasks_of(loaded, [ask(planner) for planner in planners], seeds, ask)
+    solved = [] if fresh_reference else _solved(loaded)
+    tasks = tasks_of(loaded, [ask(planner) for planner in planners], seeds, ask, solved)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
     seen = store.seen()
     stored = seen.trials.values()
@@ -135,6 +140,11 @@ def compare(
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Results(trials, kept=kept)
+
+
+def _solved(problems: Iterable[Problem]) -> list[str]:
+    """Return the problems, by their digests, whose recorded motion keeps every limit."""
+    return [own.digest() for own in problems if records.answer(own).trajectory is not None]
 
 
 def _warn_of_histories(trials: Sequence[Trial]) -> None:

@@ -23,12 +23,14 @@ from trajopt import (
     Trajectory,
 )
 from trajopt import comparison as run
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.run.runner import profiled
 from trajopt.benchmark.run.tasks import Allowance, tasks_of
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
+from trajopt.views.results import Results
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
 FAST = [("exact", load("exact:starts=1"))]
@@ -381,11 +383,36 @@ def test_solve_batch_gets_the_seeds_together_where_it_exists(tmp_path):
 
 
 def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
-    results = run.compare([PROBLEM], [("mine", Mine())], tmp_path)
+    results = run.compare([PROBLEM], [("mine", Mine())], tmp_path, fresh_reference=True)
     assert sorted(t.planner for t in results.items) == ["exact", "mine"]
     assert results.references()["kind"].tolist() == ["exact"]
     twice = [profiled(pair, [PROBLEM], Allowance()) for pair in FAST * 2]
     assert [t.profile.entrant.name for t in tasks_of([PROBLEM], twice, 5, pytest.fail)] == ["exact"]
+
+
+def test_a_problem_that_is_solved_needs_no_reference_and_has_the_same_gaps(tmp_path):
+    """`one-joint` is recorded; the same waypoints under other limits are not."""
+    (trial,) = run.compare([PROBLEM], [("mine", Mine())], tmp_path / "a").items
+    results = Results([trial])
+    known = results.references().iloc[0]
+    assert known["kind"] == "best known"
+    assert known["reference"] == pytest.approx(2.0, rel=1e-9)  # 1.5/1 + 1/2
+    assert known["proved"] == pytest.approx(2.0, rel=1e-4)
+    planned = run.compare([PROBLEM], [("mine", Mine())], tmp_path / "b", fresh_reference=True)
+    both = planned.gaps().set_index("label")["gap"]
+    assert results.gaps()["gap"].tolist() == pytest.approx([both["mine"]], abs=1e-6, nan_ok=True)
+    unknown = replace(PROBLEM, limits=Limits([1.0], [2.5]))
+    found = run.compare([unknown], [("mine", Mine())], tmp_path / "c")
+    assert sorted(own.planner for own in found.items) == ["exact", "mine"]
+
+
+def test_a_record_that_is_damaged_is_no_reference(tmp_path, monkeypatch):
+    """Its motion made faster: it breaks a limit, and is certified as long as it was."""
+    true = records.find(PROBLEM)
+    faster = replace(true, trajectory=true.trajectory.dilated(0.5), duration=true.duration / 2)
+    monkeypatch.setattr(records, "find", lambda problem, where=None: faster)
+    results = run.compare([PROBLEM], [("mine", Mine())], tmp_path)
+    assert results.references()["reference"].tolist() == pytest.approx([2.0], rel=1e-9)
 
 
 def test_progress_counts_every_trial_once(tmp_path):

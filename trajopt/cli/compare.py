@@ -65,6 +65,7 @@ def compare(
     ] = None,
     output: Writing[Path] = Path("results"),
     fresh: Running[bool] = False,
+    fresh_reference: Running[bool] = False,
     timeout: Annotated[
         float,
         number("Seconds after which a trial is stopped.", least=1, most=MAX_SECONDS, group=RUNNING),
@@ -91,6 +92,7 @@ def compare(
         suite: All problems of a suite; see `trajopt suite list`.
         output: Results folder; what is there already is kept.
         fresh: Run everything again.
+        fresh_reference: Plan the references too where a best known motion is recorded.
         dask: Address or file of a Dask scheduler to run the trials on.
         prove: Prove lower bounds too: same as --planner prove.
         against: Planner to test all others against; it is run too.
@@ -126,6 +128,7 @@ def compare(
             memory=memory,
             progress=console.progress_line(),
             executor=executor,
+            fresh_reference=fresh_reference,
         )
     shown = results.only(common=common)
     names = {own.digest for own in shown.items}

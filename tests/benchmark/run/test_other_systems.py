@@ -7,7 +7,7 @@ SCRIPT = """
 import sys
 sys.modules["fcntl"] = sys.modules["resource"] = None
 from trajopt import compare
-results = compare(["one-joint"], ["unoptimised"], sys.argv[1], jobs=0)
+results = compare(["one-joint"], ["unoptimised"], sys.argv[1], jobs=0, fresh_reference=True)
 print(*results.trials()["status"])
 """
 

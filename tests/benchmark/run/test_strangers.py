@@ -137,7 +137,7 @@ def test_a_module_beside_a_script_hides_none_of_python_s(tmp_path, name):
     done = subprocess.run(
         [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
     )
-    assert (done.stdout, done.stderr) == ("solved solved\n", "")
+    assert (done.stdout, done.stderr) == ("solved\n", "")
 
 
 def test_one_that_ends_its_process_in_solve_is_a_row_and_exit_code_1(file, capsys):

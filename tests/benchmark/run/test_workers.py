@@ -24,7 +24,7 @@ class Mine(Planner):
     def solve(self, problem, *, seed=0):
         return Solution(Status.FAILED, message="no luck")
 
-results = compare(["one-joint"], ["ruckig-stop", Mine()], "kept", jobs=1)
+results = compare(["one-joint"], ["ruckig-stop", Mine()], "kept", jobs=1, fresh_reference=True)
 print(sorted((trial.planner, str(trial.status)) for trial in results.items))
 """
 EXPECTED = "[('Mine', 'failed'), ('exact', 'solved'), ('ruckig-stop', 'solved')]"
@@ -147,7 +147,7 @@ def test_names_objects_and_pairs_are_one_comparison(tmp_path: Path) -> None:
         'angle_unit = "rad"\nwaypoints = [[0], [1]]\n[limits]\nvelocity = [1]\nacceleration = [1]\n'
     )
     planners = ["ruckig-stop", load("unoptimised"), ("mine", Refusing())]
-    results = compare(["one-joint", problem], planners, tmp_path / "kept")
+    results = compare(["one-joint", problem], planners, tmp_path / "kept", fresh_reference=True)
     found = {(trial.problem.name, trial.planner) for trial in results.items}
     names = ("ruckig-stop", "Unoptimised", "mine", "exact")
     assert found == {(problem, name) for problem in ("one-joint", "mine") for name in names}

@@ -14,13 +14,13 @@ from functools import lru_cache
 from pathlib import Path
 
 from trajopt.benchmark.provenance import provenance
-from trajopt.benchmark.store import atomic, recheck, trial_text
+from trajopt.benchmark.store import atomic, proofs, recheck, trial_text
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.store.proofs import PROVED_AGAIN
 from trajopt.benchmark.store.recheck import CheckedTrial
 from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core import built_in
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.renamed import current
 from trajopt.core.solution import Solution
@@ -245,6 +245,26 @@ def answer(problem: Problem) -> ReferenceAnswer:
     if record is None:
         return ReferenceAnswer(None, "nothing is recorded for these numbers")
     return ReferenceAnswer(certified(problem, record.trajectory), str(record.motion))
+
+
+def bound(problem: Problem) -> float | None:
+    """Return the lower bound that the recorded proof proves now, s; None without a proof.
+
+    No solver is needed. A proof that is damaged, or that nothing installed here checks, is none.
+    """
+    file = file_of(problem)
+    record = find(problem)
+    if file is None or record is None or record.bound.method == CLOSED_FORM:
+        return None
+    return _proved(file, file.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=512)
+def _proved(file: Path, changed: int) -> float | None:
+    try:
+        return proofs.proved(_read(file, changed).trial)
+    except TrajoptError:
+        return None
 
 
 # --- the check ---

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -101,12 +101,17 @@ Asking = Callable[[str], Profile]
 
 
 def tasks_of(
-    problems: Sequence[Problem], profiles: Sequence[Profile], seeds: int, ask: Asking
+    problems: Sequence[Problem],
+    profiles: Sequence[Profile],
+    seeds: int,
+    ask: Asking,
+    solved: Collection[str] = (),
 ) -> list[Task]:
     """Return a task per problem and planner with all its seeds; identical tasks once.
 
-    The references that a problem needs join the planners: `ask` describes them. `PlannerWarning`
-    warns of a planner that uses its seed, but does not say whether it is stochastic.
+    The references that a problem needs join the planners: `ask` describes them. Problems that are
+    `solved`, by their digests, need none. `PlannerWarning` warns of a planner that uses its seed,
+    but does not say whether it is stochastic.
 
     Raises:
         InvalidInput: Two different planners have the same label.
@@ -122,7 +127,7 @@ def tasks_of(
     tasks: dict[str, Task] = {}
     for problem in problems:
         also = []
-        for name in references(problem):
+        for name in () if problem.digest() in solved else references(problem):
             if name in given or name not in entries():
                 continue
             if name not in joining:

@@ -19,7 +19,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput
 
-FILE = "unfinished.json"
+FILE = Path("trials", "unfinished")  # without an ending, as no trial has
 
 
 @dataclass(frozen=True)

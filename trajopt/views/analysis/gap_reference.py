@@ -15,7 +15,7 @@ from math import inf, isnan, nan
 from typing import Literal
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM, CLOSED_WITHIN
+from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_WITHIN
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROVERS, REFERENCES
@@ -112,14 +112,14 @@ def _is_reference(trial: Trial) -> bool:
 def _with_record(reference: Reference, problem: Problem) -> Reference:
     """Return the better of the computed reference and the record of the problem.
 
-    The recorded motion is verified here. Its proof is not; `trajopt best-known verify` checks it.
+    The recorded motion is verified here, and its bound is what the recorded proof proves here.
     """
     record = records.find(problem)
     if record is None:
         return reference
-    has_proof = record.bound.method != CLOSED_FORM
-    if has_proof and not record.lower_bound <= reference.proved:
-        reference = replace(reference, proved=record.lower_bound, recorded_proof=str(record.bound))
+    proved = records.bound(problem)
+    if proved is not None and not proved <= reference.proved:
+        reference = replace(reference, proved=proved, recorded_proof=str(record.bound))
     computed = reference.duration if reference.kind in OPTIMA else inf
     if record.duration >= computed * (1 - BETTER_RTOL):
         return reference
