@@ -308,6 +308,8 @@ def _found(own: Joint) -> _MotionFound:
         resting = own.found(rest=True)
         if resting.high <= 1 + KEPT_RTOL and resting.low <= 1 + BROKEN_RTOL:
             return _MotionFound(resting, True, not len(own.beyond_between(resting)))
+        if share > 1 + BROKEN_RTOL and np.isfinite(resting.high):  # a few rows prove it
+            return _MotionFound(replace(resting, low=0.0, proof=None), True, False)
     free = own.found(rest=False)
     best, at_rest = free, False
     if resting is not None and resting.high <= max(1.0, free.high) * (1 + KEPT_RTOL):
