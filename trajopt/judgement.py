@@ -97,11 +97,11 @@ class Execution:
     @cached_property
     def standing(self) -> Standing:
         """Return how long the given motion stands at its ends."""
-        limits, samples = self.problem.limits, self.motion.samples
-        if self.evidence is None or samples is None or samples.half_digits is None:
+        limits = self.problem.limits
+        if self.evidence is None:
             return standing_of(self.motion.trajectory, limits)
-        half = np.median(samples.half_digits, axis=0)
-        return standing(samples.times, samples.positions, half, limits)
+        half = np.array([own.known.known for own in self.evidence.joints])
+        return standing(self.evidence.log.times, self.evidence.log.positions, half, limits)
 
     @property
     def kept(self) -> bool:
@@ -479,7 +479,8 @@ def as_executed(
     trajectory = (told and told.motion) or motion.trajectory
     at_breaks = trajectory(trajectory.breaks)
     if not np.ptp(at_breaks, axis=0).any():
-        right = "a motion; at its samples this one stays where it is"
+        known = "at its samples" if told is None else "within what its samples are known to"
+        right = f"a motion; {known} this one stays where it is"
         raise InvalidInput("motion", right, file=motion.name)
     times = trajectory.breaks[_own_waypoints(at_breaks, limits)]
     own = replace(trajectory, waypoint_times=times)

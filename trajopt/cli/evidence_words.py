@@ -193,10 +193,6 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
             f"The times are rounded: each sample may be {found.log.time_half_digit:.2g} s earlier "
             "or later."
         )
-    if found.motion is not None and not found.at_rest:
-        start, end = np.abs(found.motion(np.array([0.0, found.motion.duration]), 1)).max(axis=1)
-        unit = execution.problem.shared_unit()
-        yield f"It begins at {start:.3g} {unit}/s and ends at {end:.3g} {unit}/s."
     if execution.motion.interpolation in ("cubic", "quintic"):
         kind = execution.motion.interpolation
         yield f"--interpolation {kind} judges the file as a controller executes it."

@@ -41,6 +41,7 @@ from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Target
 from trajopt.views.figures import draw
 
+_LEAST_DOUBT = 1e-3  # s: a motion that is known exactly has none to speak of
 _ADVICE = {
     "linear": "The samples are positions only, which a controller joins with straight lines: send "
     "velocities too, or say how else they are joined (--interpolation spline)."
@@ -234,7 +235,12 @@ def _verdict(found: Judgement) -> Iterator[str]:
 
 def standing_words(found: Standing) -> str:
     """Say how long a motion stands at its ends."""
-    return f"It stands {found.start:.3g} s + {found.end:.3g} s, and moves for {found.moving:.6g} s."
+    stands = f"It stands {found.start:.3g} s + {found.end:.3g} s"
+    if found.doubt > _LEAST_DOUBT:
+        stands += (
+            f" (within its widths, which a motion at its limits leaves in {found.doubt:.2g} s)"
+        )
+    return f"{stands}, and moves for {found.moving:.6g} s."
 
 
 def slower(certificate: Certificate) -> str:

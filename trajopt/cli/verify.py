@@ -217,6 +217,8 @@ def _print_execution(found: Execution, limits: str) -> None:
         if not certificate.feasible and found.evidence.verdict != "broken":
             for sentence in _mended(certificate, "polynomial"):
                 console.paragraph(sentence)
+        for sentence in _at_ends(found):
+            console.paragraph(sentence)
         print_worst(certificate, found.problem)
         return
     pieces = len(found.motion.trajectory.lengths)
@@ -230,14 +232,14 @@ def _print_execution(found: Execution, limits: str) -> None:
 
 def _at_ends(found: Execution) -> Iterator[str]:
     """Say how the motion begins and ends, if not at rest, and how long it stands there."""
-    if found.cut:
+    if found.cut or (found.evidence is not None and not found.evidence.at_rest):
         motion, unit = found.executed, found.problem.shared_unit()
         fastest = np.abs(motion(np.array([0.0, motion.duration]), 1)).max(axis=1)
         said = " and ".join(
             f"{verb} at {speed:.3g} {unit}/s"
             for verb, speed in zip(("begins", "ends"), fastest, strict=True)
         )
-        yield f"It {said}: no problem was stated that forbids it."
+        yield f"It {said}{': no problem was stated that forbids it' if found.cut else ''}."
     if found.standing:
         yield standing_words(found.standing)
 

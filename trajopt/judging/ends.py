@@ -38,9 +38,9 @@ class Standing:
     """How long all joints stand at the ends of a motion.
 
     Attributes:
-        start, end: s. A motion within the half widths that stands less is possible.
-        doubt: Each may be too large by this time, s, in which a joint does not leave its half width
-            at its largest jerk (or acceleration).
+        start, end: s. They may creep within the half widths of their positions.
+        doubt: A motion at its largest jerk (or acceleration) leaves the half widths in this time,
+            s.
         duration: Of the whole motion, s.
     """
 
