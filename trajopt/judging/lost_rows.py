@@ -74,7 +74,19 @@ def _noise(known: Premise) -> float:
 
 def _places(times: Array, positions: Array, noise: Array, step: float) -> list[Lost]:
     """Return places where every joint that surely moves has lost the same number of rows."""
-    m = int(np.clip(round(_WINDOW_S / step), *_WINDOW))
+    widest = int(np.clip(round(_WINDOW_S / step), *_WINDOW))
+    found = []
+    for rows in sorted({widest, max(_WINDOW[0], widest // 2), _WINDOW[0]}):  # two may be close
+        found += _steps(times, positions, noise, step, rows)
+    strongest: list[Lost] = []
+    for one in sorted(found, key=lambda own: -own.strength):
+        if all(abs(one.row - other.row) > 1 for other in strongest):
+            strongest.append(one)
+    return sorted(strongest, key=lambda own: own.row)
+
+
+def _steps(times: Array, positions: Array, noise: Array, step: float, m: int) -> list[Lost]:
+    """Return the places by fits to `m` rows on each side."""
     if len(times) < 2 * m + 1:
         return []
     at = np.lib.stride_tricks.sliding_window_view(times, 2 * m)
@@ -98,8 +110,4 @@ def _places(times: Array, positions: Array, noise: Array, step: float) -> list[L
         if count >= 1 and (np.abs(lost - count) < near).all():
             strength = float((np.abs(jump[place, own]) / error[place, own]).max())
             found.append(Lost(place + m - 1, count, strength))
-    strongest: list[Lost] = []
-    for one in sorted(found, key=lambda own: -own.strength):
-        if all(abs(one.row - other.row) > 1 for other in strongest):
-            strongest.append(one)
-    return sorted(strongest, key=lambda own: own.row)
+    return found
