@@ -19,7 +19,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.judging.lattice import lattice
 from trajopt.judging.scatter import differences, scatter
 from trajopt.judging.tube_proof import Limit
@@ -42,7 +42,8 @@ _LEAST_HELD = 12  # changes of a value, and rows in motion, by which repeats are
 _MOST_HELD = 12  # rows that a slower sensor repeats its value
 _STAIR = 3.5  # a change by more steps than this is no staircase of one step at a time
 _HELD_SHARE = 0.15  # of rows in motion that repeat, at least
-_REGULAR = 0.97  # share of repeats of one length from which on all have it
+_STEADY_SHARE = 0.5  # of changes that are in stretches of one rate
+_ROW_SEEN = 2.0  # rows: a change is seen within one, and the rate is known to some of another
 
 _JITTER_WINDOWS = 60
 _JITTER_BLOCK = 15
@@ -137,16 +138,17 @@ def measured(
     with np.errstate(all="ignore"):  # samples of any size: what overflows tells nothing
         samples = times[fresh], positions[fresh], half_digits[fresh]
         known = _of_samples(*samples, limits, count, noise, resolution, jitter)
-    moves = np.array([late, times[-1] - times[fresh][-1]])
-    if not moves.any():
+    if fresh.all():
         return known
     # A repeated value is as old as its sample, and the joint moves on.
-    by, since = max(map(abs, limits[0])) * moves
-    half = known.half + (by if late else 0.0)
-    if since:
-        half = np.append(half, half[-1] + since)
+    speed = max(map(abs, limits[0]))
+    half, at = known.half, known.positions
+    if late:
+        half = half + speed * late * float(np.median(np.diff(times)))
+    if not fresh[-1]:
+        half = np.append(half, half[-1] + speed * (times[-1] - times[fresh][-1]))
+        at = np.append(at, at[-1])
         fresh[-1] = True
-    at = np.append(known.positions, known.positions[-1:] if since else [])
     left_out = int((~fresh).sum())
     return replace(known, times=times[fresh], positions=at, half=half, left_out=left_out)
 
@@ -231,8 +233,8 @@ def _held(positions: Array, half_digits: Array) -> tuple[Bools, float]:
     """Return which rows are samples, and by how many rows these may be late.
 
     A sensor that is slower than the log repeats its value while the joint moves fast: by more than
-    a staircase of single steps. Repeats of one length have their sample in the first row; where
-    the length changes, the sample is late by up to half of it.
+    a staircase of single steps. It does so again and again for the same number of rows, or for two
+    numbers in turn, at a rate of its own. Then a sample is up to one row older than its row.
     """
     everything = np.ones(len(positions), bool)
     changes = np.diff(positions)
@@ -242,19 +244,34 @@ def _held(positions: Array, half_digits: Array) -> tuple[Bools, float]:
     sizes, runs = np.abs(changes[at]), np.diff(at)
     least = max(2 * float(np.median(half_digits)), float(np.sort(sizes)[len(at) // 20]))
     fast = (runs <= _MOST_HELD) & (sizes[1:] > _STAIR * least)
-    moving = int(runs[fast].sum())
-    repeats = int((runs[fast] - 1).sum())
+    lengths = runs[fast]
+    moving, repeats = int(lengths.sum()), int((lengths - 1).sum())
     if moving < _LEAST_HELD or repeats < _HELD_SHARE * moving:
         return everything, 0.0
-    lengths = runs[fast]
     usual = int(np.bincount(lengths).argmax())
-    regular = float(np.mean(lengths == usual)) > _REGULAR
-    period = usual if regular else int(np.median(lengths) + 0.5)
+    regular = bool((lengths % usual == 0).all())  # a value may be the same twice
+    if not regular and not _steady(runs, fast):
+        return everything, 0.0
+    period = usual if regular else int(lengths.max())
     starts = np.append(0, at + 1)
     since = np.arange(len(positions)) - np.repeat(
         starts, np.diff(np.append(starts, len(positions)))
     )
-    return since % max(period, 1) == 0, 0.0 if regular else period / 2
+    return since % period == 0, 0.0 if regular else 0.5
+
+
+def _steady(runs: Indices, fast: Bools) -> bool:
+    """Return whether fast changes come at one rate, up to the row in which they are seen.
+
+    Of noise the number of changes is a random walk about any rate.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
+    steady = 0
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        own = runs[first:last]
+        if len(own) >= _LEAST_HELD and np.ptp(np.cumsum(own - own.mean())) <= _ROW_SEEN:
+            steady += len(own)
+    return steady > _STEADY_SHARE * int(fast.sum())
 
 
 def _jitter(times: Array, values: Array, unit: float) -> tuple[float, float]:
