@@ -207,6 +207,10 @@ def _samples(
         right = "a time after that of the line before"
         raise InvalidInput(table.place(row, time.index), right, value=float(stamps[row]))
     unit = time.unit or wanted.get("time") or _time_unit(float(start), elapsed)
+    first, second = (float(stamp) * TIMES[unit] for stamp in stamps[:2])
+    if first < _EPOCH_S[0] <= second <= _EPOCH_S[1]:
+        right = "a date, as the times of the lines after it"
+        raise InvalidInput(table.place(0, time.index), right, value=float(start))
     notes = [f"times count from {start} {unit}"] if start else []
     others = (column for column in columns if column not in chosen)
     left_out = [column.name or f"column {column.index + 1}" for column in others]
@@ -293,6 +297,8 @@ def _commanded(columns: list[_Column]) -> list[_Column]:
     positions = [own.name for own in columns if own.kind == "positions"]
     measured = {_MEASURED.sub("", name, count=1) for name in positions}
     both = {plain[name] for name in positions if plain[name] != name} & measured
+    if positions and all(plain[name] != name for name in positions):  # nothing was measured
+        both = {plain[name] for name in positions}
     found = []
     for own in columns:
         name = plain[own.name]

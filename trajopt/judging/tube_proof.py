@@ -168,7 +168,10 @@ def bound(proof: TubeProof) -> tuple[float, TubeProof]:
     changed, which makes g vanish before the first time.
     """
     r = len(proof.limits)
-    multipliers = _mended(proof)
+    try:
+        multipliers = _mended(proof)
+    except np.linalg.LinAlgError:  # times that differ by more digits than floats have
+        return 0.0, proof
     readings = proof.readings
     counts = [len(proof.times), *(len(x) for x, _ in proof.derivatives), len(readings.times)]
     when = np.concatenate([proof.times, *(x for x, _ in proof.derivatives), readings.times])
