@@ -2,6 +2,7 @@
 
     python tests/soak.py logs            # 4,000 logs, six minutes on one core
     python tests/soak.py logs --quick    # 60 logs
+    python tests/soak.py logs --count 2300 --kind encoder --truth lawful
 
 One joint with limits of 2 rad/s, 5 rad/s² and, in half of the logs, 100 rad/s³ makes two moves,
 with pauses or none, as S-curves or bang-bang motions. A lawful one uses 0.9 or 0.999 of every
@@ -26,6 +27,7 @@ from dataclasses import dataclass
 from math import tau
 from pathlib import Path
 from statistics import NormalDist
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -329,11 +331,15 @@ def numbers_differ(found: Evidence) -> str:
     return "" if stated == [own.at_least for own in found.convictions] else "convictions"
 
 
-def judged(number: int, seed: int) -> dict[str, object]:
-    """Return a row: the log's truth, and the verdict."""
-    rng = np.random.default_rng([seed, number])
+def drawn(number: int, seed: int, kind: str = "") -> Case:
+    """Return a log of a kind; by default half of them are encoders'."""
     kinds = list(PECULIAR)
-    own = case(rng, "encoder" if number % 2 else kinds[number // 2 % len(kinds)])
+    kind = kind or ("encoder" if number % 2 else kinds[number // 2 % len(kinds)])
+    return case(np.random.default_rng([seed, number]), kind)
+
+
+def judged(own: Case, number: int) -> dict[str, object]:
+    """Return a row: the log's truth, and the verdict."""
     found = evidence(own.log, own.limits)
     return {
         "number": number,
@@ -351,7 +357,7 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     encoders = rows[rows["kind"] == "encoder"]
     parts = [("encoders", encoders)]
     for name in ("noise", "rate", "form", "velocities"):
-        for value, part in encoders.groupby(name):
+        for value, part in encoders.groupby(name) if len(encoders) else ():
             shown = f"{value:g}" if isinstance(value, float) else str(value) or "none"
             parts.append((f"encoders, {name}: {shown}", part))
     for limit in ("velocity", "acceleration", "jerk"):
@@ -390,13 +396,20 @@ def failures(counts: pd.DataFrame, rows: pd.DataFrame) -> list[str]:
 
 
 def main(
-    count: int = 4000, seed: int = 1, output: Path = Path("results/logs"), quick: bool = False
+    count: int = 4000,
+    seed: int = 1,
+    kind: str = "",
+    truth: Literal["", "lawful", "broken"] = "",
+    output: Path = Path("results/logs"),
+    quick: bool = False,
 ) -> int:
     """Judge logs of known truth.
 
     Args:
-        count: How many; `quick`: 60.
+        count: How many are drawn; `quick`: 60.
         seed: Of the logs.
+        kind: Only this one: encoder, or a peculiar one.
+        truth: Only lawful ones, or broken ones; the others are drawn, and not judged.
         output: Folder of the table.
         quick: Fewer logs.
     """
@@ -404,7 +417,9 @@ def main(
     count = 60 if quick else count
     with progress(count, "logs") as advance:
         for number in range(count):
-            rows.append(judged(number, seed))
+            own = drawn(number, seed, kind)
+            if truth in ("", "broken" if own.exceeds else "lawful"):
+                rows.append(judged(own, number))
             advance(1)
     frame = pd.DataFrame(rows)
     counts = table(frame)
