@@ -226,7 +226,7 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
     random = list(starting_points(scaled, count))[1:]
     # from the units of `exact` to the grid's
     speed = scaled.units[1] * grid.unit / grid.scale / _SLOWER
-    for times, velocities in random:
+    for times, velocities, _ in random:
         slower = _SLOWER * times * scaled.unit / grid.unit
         yield grid.cubics(slower, velocities * speed)
 

@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from baselines.exact.method.guesses import EVERY_SIDE
 from baselines.exact.method.planner import SeveralStarts
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.end_states import impossible
@@ -25,7 +26,6 @@ from trajopt.core.solution import Solution
 
 # Up to this many pairs of neighbours are also merged one pair at a time.
 MAX_PAIRS = 8
-FEW_STARTS = 2  # initial guesses for each problem, where there are several
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
 Solve = Callable[[Problem, Array | None, PlannerT, bool], Solution]
@@ -72,8 +72,8 @@ def best(planner: PlannerT, problem: Problem, solve: Solve[PlannerT]) -> Solutio
     """
     whole, *others = merged(problem)
     if others:
-        # one of the merged problems may have the optimum: fewer guesses for each
-        planner = replace(planner, starts=min(planner.starts, FEW_STARTS))
+        # the optimum may be on any side of a box: two guesses that agree say nothing
+        planner = replace(planner, starts=max(planner.starts, EVERY_SIDE), agreeing=EVERY_SIDE)
     found: list[Solution] = []
     for own, index, passing in [*others, whole]:
         patient = all(known.trajectory is None for known in found)

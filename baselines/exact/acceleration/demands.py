@@ -15,6 +15,7 @@ faster.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -33,6 +34,9 @@ from trajopt.core.arrays import Array, Bools
 
 # Variables of a cell: logarithm of the time, velocity and offset at both ends, peak.
 _S, _X0, _P0, _X1, _P1, _PEAK = range(6)
+
+
+_ROOM = 0.98  # of its box, the most that an initial guess uses
 
 
 class DemandUnknowns(NamedTuple):
@@ -85,10 +89,24 @@ class DemandTables(AccelerationTables):
         """Return the offsets at the start and the end of each segment, 0 at the motion's ends."""
         return at_ends(offset, closed=self.scaled.closed)
 
-    def start(self, times: Array, velocities: Array) -> Any:
-        """Return the initial guess without demands: times not below the least, offsets of 0."""
-        point = super().start(np.maximum(times, self.scaled.least * (1 + 1e-3)), velocities)
-        return DemandUnknowns(*point, np.zeros_like(velocities))
+    def near(self, times: Array, velocities: Array, offset: Array) -> DemandUnknowns:
+        """Return the initial guess: times not below the least, offsets of 0 or within the boxes.
+
+        Ends and peaks are counted from the mean velocity between the nominal waypoints.
+        """
+        times = np.maximum(times, self.scaled.least * (1 + 1e-3))
+        if not self.tolerant:
+            point = self.start(times, velocities)
+            return DemandUnknowns(*point, np.zeros_like(velocities))
+        box = _ROOM * self.scaled.tolerance
+        inside = np.clip(offset, -box, box)
+        first, last = self.offsets(inside)
+        moved = copy(self)
+        moved.h = self.h + SIDES * (last - first)
+        log, velocity, inner = moved.start(times, velocities)
+        mean = (last - first) / times[..., None] ** 2
+        shift = np.array([[mean, mean], mean * SIDES])
+        return DemandUnknowns(log, velocity, inner + shift, inside)
 
     def clipped(self, point: Any) -> Any:
         """Return the point with ends and peaks clipped to where an answer can have them.

@@ -29,9 +29,10 @@ from baselines.exact.acceleration.demands import DemandInequalities, DemandTable
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
-from baselines.exact.method import brief_steps
+from baselines.exact.method import brief_steps, guesses
 from baselines.exact.method.chain import with_outer
 from baselines.exact.method.crossover import minimised
+from baselines.exact.method.guesses import Guess
 from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
@@ -46,8 +47,6 @@ from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import KEPT_RTOL
 from trajopt.planners.reductions import SIMPLEST, reduced
-
-Start = tuple[Array, Array]  # segment times, waypoint velocities
 
 # Largest number of initial guesses if all fail, times `starts`.
 MAX_STARTS_FACTOR = 5
@@ -115,28 +114,25 @@ class Exact(SeveralStarts):
         scaled = Passing(problem, passing)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
-        def solve_from(starts: Sequence[Start]) -> list[LocalOptimum]:
+        def solve_from(starts: Sequence[Guess]) -> list[LocalOptimum]:
             return minimised(scaled, starts)
 
-        starts = starting_points(scaled, (MAX_STARTS_FACTOR if patient else 1) * self.starts)
-        if problem.route.at_rest:
-            return self.best_of(scaled, solve_from, starts)
-        beside = gaps.starts(scaled)
-        if self.solver == "ipopt":
-            return self.best_of(scaled, solve_from, chain(beside, starts), apart=len(beside))
-        known = _of_one_segment(scaled)
-        if known is not None:
-            return self.best_of(scaled, lambda _: [known], iter([(known.times, known.states)]))
-        before = _before_gaps(scaled)
-        solved = iter(before)
-
-        def solve_others(starts: Sequence[Start | None]) -> list[LocalOptimum]:
-            others = [start for start in starts if start is not None]
-            known = list(islice(solved, len(starts) - len(others)))
-            return known + (solve_from(others) if others else [])
-
-        every: Iterator[Start | None] = chain([None] * len(before), beside, starts)
-        return self.best_of(scaled, solve_others, every, apart=len(before) + len(beside))
+        beside: list[LocalOptimum] = []
+        if not problem.route.at_rest:
+            if self.solver != "ipopt":
+                known = _of_one_segment(scaled)
+                if known is not None:
+                    return self.best_of(scaled, lambda _: [known], iter([None]))
+                beside += _before_gaps(scaled)
+            others = [Guess(*own) for own in gaps.starts(scaled)]
+            beside += solve_from(others) if others else []
+        count = (MAX_STARTS_FACTOR if patient else 1) * self.starts
+        stopping, *random = starting_points(scaled, count)
+        purpose = list(guesses.on_purpose(scaled))
+        # a tolerance has its optimum near the chord; without one stopping is next to none
+        first = [*purpose, stopping] if scaled.tolerance.any() else [stopping, *purpose]
+        starts = chain(first, random)
+        return self.best_of(scaled, solve_from, islice(starts, count), beside)
 
 
 def _solved_near(
@@ -251,7 +247,7 @@ def _before_gaps(scaled: Passing) -> list[LocalOptimum]:
             wider = scaled.widened(share)
             earliest, wider.latest = starts[0].between
             wider.least = np.maximum(wider.least, earliest)
-            optima = _minimised(wider, [start[:2] for start in starts])
+            optima = _minimised(wider, [Guess(*start[:2]) for start in starts])
             for start, near in zip(starts, optima, strict=True):
                 optimum = None
                 if np.isfinite(near.duration):
@@ -332,7 +328,7 @@ def repair(
     return high
 
 
-def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterator[Start]:
+def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterator[Guess]:
     """Yield initial guesses, times and waypoint velocities: stopping first, then random ones.
 
     Args:
@@ -344,7 +340,7 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
     rng = np.random.default_rng(0)
     inner = (segments - (not scaled.closed), joints)
     at_rest = np.zeros(inner)
-    yield stopping * scaled.stop, at_rest
+    yield Guess(stopping * scaled.stop, at_rest)
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
         # between the mean velocities before and after the waypoint, times a random factor
@@ -354,10 +350,10 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
         mix = rng.uniform(size=inner)
         between = mix * before + (1 - mix) * after
         speed = rng.uniform(0, 1.5, (len(at_rest), 1))
-        yield times, between * speed
+        yield Guess(times, between * speed)
 
 
-def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
+def _minimised(scaled: Passing, starts: Sequence[Guess]) -> list[LocalOptimum]:
     """Return the local optimum near each initial guess, dilated until it is reachable."""
 
     def reached(rows: Any, start: int, largest_dilation: float) -> LocalOptimum | None:
@@ -378,32 +374,34 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
         return found and found._replace(states=(found.states, offset))
 
     tolerant = scaled.tolerance.any()
-    times, velocities = (np.array(column) for column in zip(*starts, strict=True))
+    times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
     if scaled.has_demands:
         asked = DemandTables(scaled, len(starts))
-        of_demands = DemandInequalities(asked, asked.start(times, velocities))
+        still = np.zeros_like(scaled.tolerance)
+        offset = np.array([still if own.offset is None else own.offset for own in starts])
+        of_demands = DemandInequalities(asked, asked.near(times, velocities, offset))
         optima = minimised(of_demands, reached)
     else:
         cells = AccelerationTables(scaled, len(starts))
         rows = AccelerationInequalities(cells, cells.start(times, velocities))
         optima = minimised(rows, reached)
     return [
-        LocalOptimum(np.inf, *start, "Not_Converged") if optimum is None else optimum
+        LocalOptimum(np.inf, *start[:2], "Not_Converged") if optimum is None else optimum
         for start, optimum in zip(starts, optima, strict=True)
     ]
 
 
-def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[LocalOptimum]:
+def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Guess]) -> list[LocalOptimum]:
     """Return IPOPT's local optimum near each initial guess, dilated until it is reachable."""
     from baselines.exact.acceleration import by_ipopt  # late: it needs CasADi
 
     optima = []
     for start in starts:
-        found = by_ipopt.minimised(scaled, *start)
+        found = by_ipopt.minimised(scaled, *start[:2])
         within = scaled.within(found.velocities)
         optimum = _reached(scaled, found.times, within, found.status, MAX_DILATION)
         if optimum is None or not found.success:
-            optimum = LocalOptimum(np.inf, *start, found.status)
+            optimum = LocalOptimum(np.inf, *start[:2], found.status)
         optima.append(optimum)
     return optima
 

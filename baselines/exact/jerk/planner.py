@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -164,8 +164,11 @@ class ExactJerk(SeveralStarts):
         if not problem.route.at_rest:
             passed = narrow.inside(scaled, even_pieces.starts(scaled), spare)
             beside = [*gaps.starts(scaled), *passed]
-            every = chain(beside, gaps.more_starts(scaled) if patient else ())
-            return self.best_of(scaled, solve, every, apart=len(beside))
+            known = solve(beside) if beside else []
+            more = gaps.more_starts(scaled) if patient else iter(())
+            if np.isfinite([own.duration for own in known]).any():
+                more = islice(more, max(self.starts - len(known), 0))
+            return self.best_of(scaled, solve, more, known)
         starts = islice(_starts(scaled), (MAX_STARTS_FACTOR if patient else 1) * self.starts)
         return self.best_of(scaled, solve, starts)
 

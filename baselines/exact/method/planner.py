@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
+from itertools import islice
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -30,6 +30,7 @@ Start = TypeVar("Start")
 DEMANDS_KNOWN = ("least_times", "given_times", "closed")
 # A duration that exceeds the sum of the given times by less, relative, counts as equal.
 _GIVEN_RTOL = 1e-10
+_SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
 
 
 def without_ipopt(solver: str, problem: Problem, knows: Sequence[str] = ()) -> str | None:
@@ -114,7 +115,7 @@ class SeveralStarts(Planner):
         scaled: Reaching,
         solve: Callable[[Sequence[Start]], list[LocalOptimum]],
         starts: Iterator[Start],
-        apart: int = 0,
+        beside: Sequence[LocalOptimum] = (),
     ) -> Solution:
         """Return the shortest of the local optima, as an answer to the whole problem.
 
@@ -124,14 +125,19 @@ class SeveralStarts(Planner):
             scaled: the problem.
             solve: returns the local optimum of each of some initial guesses.
             starts: the initial guesses, in the order in which they are tried.
-            apart: number of first guesses that are all tried, since gaps in time separate them.
+            beside: local optima that are known already, on one side of a gap each. Two that agree
+                say nothing about another side, so they do not count.
         """
-        agreeing = self.agreeing + max(apart - 1, 0)
-        local = optima_together(solve, starts, max(self.starts, apart), agreeing)
+        if np.isfinite([own.duration for own in beside]).any():
+            starts = islice(starts, self.starts)
+        local = [*beside, *optima_together(solve, starts, self.starts, self.agreeing)]
+        if not local:
+            return Solution(Status.FAILED, message=no_start_succeeded([]))
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
-        best = min(local, key=attrgetter("duration"))
+        # the first of those that differ by rounding
+        best = next(own for own in local if own.duration <= durations.min() * (1 + _SAME_RTOL))
         if not np.isfinite(best.duration):
             message = no_start_succeeded(statuses)
             return Solution(Status.FAILED, message=message, stats=stats)

@@ -23,7 +23,7 @@ def duration(problem: Problem) -> float:
     """The optimum from the first start, s, without crossover."""
     scaled = Passing(problem)
     cells = AccelerationTables(scaled, starts=1)
-    ((times, velocities),) = starting_points(scaled, 1)
+    ((times, velocities, _),) = starting_points(scaled, 1)
     point = cells.start(times[None], velocities[None])
     iterate = interior_point.begun(AccelerationInequalities(cells, point))
     iterate = interior_point.descended(iterate, interior_point.converged)
@@ -81,7 +81,7 @@ def started(problem: Problem) -> AccelerationInequalities:
     """The program without jerk limits near two starts."""
     rng = np.random.default_rng(0)
     scaled = Passing(problem)
-    ((times, velocities),) = starting_points(scaled, 1)
+    ((times, velocities, _),) = starting_points(scaled, 1)
     moved = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
     cells = AccelerationTables(scaled, starts=2)
     return AccelerationInequalities(cells, cells.start(np.stack([times, 0.9 * times]), moved))
@@ -200,7 +200,7 @@ def test_the_worked_example_of_crossover() -> None:
     problem = Problem([[0.0], [1.0], [2.0]], Limits([5.0], [1.0]))
     scaled = Passing(problem)
     tables = AccelerationTables(scaled, starts=1)
-    ((times, velocities),) = starting_points(scaled, 1)
+    ((times, velocities, _),) = starting_points(scaled, 1)
     start = AccelerationInequalities(tables, tables.start(times[None], velocities[None]))
     iterate = interior_point.descended(interior_point.begun(start), crossover.ATTEMPTS[0])
     slacks = iterate.state.slacks / iterate.before.slacks

@@ -1,0 +1,76 @@
+"""Initial guesses on purpose: places within the tolerances, times the times of stopping.
+
+The *chord* is the shortest way: each waypoint's place is the point of its box that is nearest the
+middle of its neighbours' places. The times are shares of those of stopping at every waypoint, the
+velocity at a waypoint the mean of the mean velocities before and after it. The chord in the times
+of stopping leads to the optimum of every problem of the suites that asks for tolerances. Where
+boxes overlap that is not enough: the optimum may be on any side of a box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from baselines.exact.method.scaled import Scaled
+from trajopt.core.arrays import Array
+
+EVERY_SIDE = 10  # guesses where there are tolerances
+_SWEEPS = 20  # towards the chord
+_SIDE = 0.95  # of the half width of a box
+_TIMES = (1.0, 0.5)  # of stopping, from each place
+_SLOW = 2.0  # further times, from the places between the sides
+
+
+class Guess(NamedTuple):
+    """An initial guess, without units.
+
+    Attributes:
+        times: of the segments, `(segments,)`.
+        velocities: at the waypoints with a state, `(waypoints, joints)`.
+        offset: of these waypoints from their nominal places, likewise; None stands for 0.
+    """
+
+    times: Array
+    velocities: Array
+    offset: Array | None = None
+
+
+def on_purpose(scaled: Scaled) -> Iterator[Guess]:
+    """Yield the chord at three times; with tolerances ten guesses, also from the sides of boxes."""
+    r = scaled.tolerance
+    chord = _chord(scaled)
+    for share in (*_TIMES, _SLOW):
+        yield _guess(scaled, chord, share)
+    if not r.any():
+        return
+    for share in (*_TIMES, _SLOW):
+        yield _guess(scaled, 0 * r, share)
+    for side in (_SIDE, -_SIDE):
+        for share in _TIMES:
+            yield _guess(scaled, side * r, share)
+
+
+def _chord(scaled: Scaled) -> Array:
+    """Return the offsets of the shortest way, at the waypoints with a state."""
+    places = np.append(np.zeros((1, scaled.h.shape[1])), np.cumsum(scaled.h, axis=0), axis=0)
+    chord = places.copy()
+    inner = slice(1, len(places) - 1)
+    r = scaled.tolerance[: len(places) - 2]
+    if r.any():
+        for _ in range(_SWEEPS):
+            middle = (chord[:-2] + chord[2:]) / 2
+            chord[inner] = np.clip(middle, places[inner] - r, places[inner] + r)
+    return (chord - places)[1 : len(scaled.tolerance) + 1]
+
+
+def _guess(scaled: Scaled, offset: Array, share: float) -> Guess:
+    times = share * scaled.stop
+    moved = np.zeros((len(times) + 1, scaled.h.shape[1]))
+    moved[1 : len(offset) + 1] = offset
+    mean = (scaled.h + np.diff(moved, axis=0)) / times[:, None]
+    after = np.roll(mean, -1, axis=0)
+    velocities = ((mean + after) / 2)[: len(offset)]
+    return Guess(times, velocities, offset if scaled.tolerance.any() else None)
