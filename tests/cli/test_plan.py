@@ -219,24 +219,16 @@ def test_a_new_problem_is_proved_while_it_is_planned(trajopt, tmp_path):
     assert "Its answer is the optimum, proved within" in " ".join(out.split())
 
 
-@pytest.mark.parametrize(
-    ("durations", "share", "words"),
-    [
-        ([2.0, 2.0], 0.95, "No faster motion is known. Proved:"),
-        ([2.0, 2.0], 0.7, "Its starts agree on it, but the bound is far. Proved:"),
-        ([2.8, 2.0, 2.6], 0.95, "disagree: the second best ends 30 % above this, and a faster"),
-        ([np.inf, 2.0], 0.95, "One of its starts succeeded alone: a faster motion may be found."),
-        (None, 0.95, "A faster motion may be found. Proved:"),
-    ],
-)
-def test_no_faster_motion_is_known_only_where_starts_agree_near_the_bound(durations, share, words):
+@pytest.mark.parametrize("durations", [[2.0, 2.0], [2.8, 2.0, 2.6], [np.inf, 2.0], None])
+@pytest.mark.parametrize("share", [0.95, 0.7])
+def test_only_a_bound_says_that_an_answer_is_fastest(durations, share):
+    """Starts that agree say nothing: on some problems all of a dozen end at one wrong time."""
     found = best(Problem([[0.0], [1.0]], Limits([1.0], [1.0])), 0)
     assert found.trial.certified_duration == pytest.approx(2.0)
     stats = {} if durations is None else {"start_duration": np.array(durations)}
     trial = replace(found.trial, solution=replace(found.trial.solution, stats=stats))
     text = " ".join(sentences(replace(found, trial=trial, proved=2.0 * share)))
-    assert words in text
-    assert ("No faster motion is known" in text) == words.startswith("No faster")
+    assert "It is certified; no proof that it is fastest. Proved: every motion takes" in text
     assert f"{100 * (1 - share):.3g} % less" in text
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import floor, inf, log10
+from math import floor, log10
 
 import numpy as np
 
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.trial import Trial
 from trajopt.best_planner import OPTIMUM_RTOL, Best
 from trajopt.core.limits import KINDS
 from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
-AGREEMENT_RTOL = 1e-6  # durations of starts that differ by less, relative, count as equal
 ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
 PROVED_DIGITS = 4  # of a bound that is not within OPTIMUM_RTOL of the answer
-FAR_PERCENT = 10.0  # percent of the duration; a bound farther below is called far
 
 ADD_JERK_LIMITS = (
     "without them acceleration jumps. Add jerk limits (rad/s³) to the problem file, or max_jerk "
@@ -64,14 +61,17 @@ def _saving(found: Best, duration: float) -> str:
 
 
 def _quality(found: Best, duration: float) -> str:
-    """Describe the answer's distance from the optimum, and the proof of it."""
+    """Describe the answer's distance from the optimum by a proved bound alone.
+
+    Whether starts agree tells nothing: on some problems all of a dozen end at the same wrong time.
+    """
     proved_within = duration / found.proved - 1 if found.proved else np.inf
     if proved_within < OPTIMUM_RTOL:
         percent = 100 * proved_within
         within = f" within {percent:.1g} %" if percent > ROUNDING_PERCENT else ""
         return f"Its answer is the optimum, proved{within}."
     less = 100 * (1 - found.proved / duration)
-    known = _known(found.trial, less)
+    known = "It is certified; no proof that it is fastest"
     if found.relaxed is not None:
         above = duration / found.relaxed - 1
         if above >= OPTIMUM_RTOL:
@@ -94,19 +94,3 @@ def _least(seconds: float) -> str:
         return "0"
     unit = 10.0 ** (floor(log10(seconds)) + 1 - PROVED_DIGITS)
     return f"{floor(seconds / unit) * unit:.{PROVED_DIGITS}g}"
-
-
-def _known(trial: Trial, less: float) -> str:
-    """Describe how well the starts agree; the bound is `less` percent below the answer."""
-    solution = trial.solution
-    apart = solution.disagreement
-    if apart is None:
-        return "A faster motion may be found"
-    if apart == inf:
-        return "One of its starts succeeded alone: a faster motion may be found"
-    if apart > AGREEMENT_RTOL:
-        said = f"Its starts disagree: the second best ends {100 * apart:.2g} % above this"
-        return f"{said}, and a faster motion may be found"
-    if less > FAR_PERCENT:
-        return "Its starts agree on it, but the bound is far"
-    return "No faster motion is known"

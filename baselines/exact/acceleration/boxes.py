@@ -15,7 +15,6 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baselines.exact.method.guesses import EVERY_SIDE
 from baselines.exact.method.planner import SeveralStarts
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.end_states import impossible
@@ -60,7 +59,9 @@ def merged(problem: Problem) -> Iterator[Merged]:
             yield found
 
 
-def best(planner: PlannerT, problem: Problem, solve: Solve[PlannerT]) -> Solution:
+def best(
+    planner: PlannerT, problem: Problem, solve: Solve[PlannerT], several: PlannerT
+) -> Solution:
     """Return the shortest answer to the problem and to those with merged neighbours.
 
     Args:
@@ -69,11 +70,11 @@ def best(planner: PlannerT, problem: Problem, solve: Solve[PlannerT]) -> Solutio
         solve: Returns the planner's answer to a problem with further limits at its waypoints, see
             `Merged.passing`. Its last argument tells whether more initial guesses are tried where
             all of the planner's have failed.
+        several: The planner for each problem where there are several.
     """
     whole, *others = merged(problem)
     if others:
-        # the optimum may be on any side of a box: two guesses that agree say nothing
-        planner = replace(planner, starts=max(planner.starts, EVERY_SIDE), agreeing=EVERY_SIDE)
+        planner = several
     found: list[Solution] = []
     for own, index, passing in [*others, whole]:
         patient = all(known.trajectory is None for known in found)

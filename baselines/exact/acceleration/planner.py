@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from baselines.exact.acceleration.demands import DemandInequalities, DemandTable
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
-from baselines.exact.method import brief_steps, guesses
+from baselines.exact.method import brief_steps, gate, guesses
 from baselines.exact.method.chain import with_outer
 from baselines.exact.method.crossover import minimised
 from baselines.exact.method.guesses import Guess
@@ -73,8 +73,6 @@ class Exact(SeveralStarts):
     interior-point method, or IPOPT on a program of other variables: an independent check.
     """
 
-    solver: Literal["interior-point", "ipopt"] = "interior-point"
-
     knows = (
         *("velocity", "acceleration", "segment"),
         *(*END_STATES, *DEMANDS_KNOWN, "tolerance"),
@@ -90,9 +88,18 @@ class Exact(SeveralStarts):
         `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
         self.announce("exact", problem)
+        if self.solver == "ipopt":  # an independent check: no other method steps in
+            return self._planned(problem)
+        return gate.certified(problem, self._planned, self.solve)
+
+    def _planned(self, problem: Problem) -> Solution:
+        """Return the planner's own answer, which nobody has judged."""
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return boxes.best(self, problem, _solved_near)
+            # the optimum may be on any side of a box: two guesses that agree say nothing
+            sides = guesses.EVERY_SIDE
+            several = replace(self, starts=max(self.starts, sides), agreeing=sides)
+            return boxes.best(self, problem, _solved_near, several)
         return brief_steps.solved(problem, known, self._solved)
 
     def _solved(

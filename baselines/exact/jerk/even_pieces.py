@@ -250,6 +250,8 @@ class _Numbers:
         missing = np.zeros((2 * count, joints))
         low = flat(way.shortest, *lows, self.jerk[0], missing)
         high = flat(times * 0 + _LONGEST * times.sum(), *highs, self.jerk[1], missing + np.inf)
+        if np.any(low > high):  # a limit of rounding's width, or a time beyond the longest
+            return None
         mean = (way.h / times[:, None])[self.pieces]
         guess = flat(times, mean[1:], 0 * mean[1:], 0 * mean, missing + _MISSING)
         run = _solver(count, joints)(

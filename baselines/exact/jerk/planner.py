@@ -13,10 +13,10 @@ made for this program solves it (`exact.method.interior_point`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from baselines.exact.jerk import even_pieces, gaps, narrow, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
-from baselines.exact.method import brief_steps
+from baselines.exact.method import brief_steps, gate
 from baselines.exact.method.interior_point import (
     begun,
     chosen,
@@ -36,6 +36,7 @@ from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
+    unconverged,
     without_ipopt,
 )
 from baselines.exact.method.scaled import Scaled
@@ -43,8 +44,12 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
-from trajopt.judging.verification import keeping
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import keeping, verify
 from trajopt.planners.reductions import SIMPLEST, reduced
+
+if TYPE_CHECKING:
+    from baselines.exact.jerk.motion import Reachable
 
 # Most initial guesses, relative to `starts`: they are tried as long as all have failed.
 MAX_STARTS_FACTOR = 3
@@ -52,6 +57,10 @@ MAX_STARTS_FACTOR = 3
 # least time with such stops.
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
+# The motion through the exact points, as an initial guess: times so much longer, and steps.
+_SLOWER = 1.02
+_MOST_STEPS = 400
+_FEW_STARTS = 2  # for each problem, where boxes overlap and there are several problems
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
 
@@ -73,7 +82,6 @@ class ExactJerk(SeveralStarts):
     """
 
     starts: int = 4
-    solver: Literal["interior-point", "ipopt"] = "interior-point"
 
     knows = (
         *("velocity", "acceleration", "jerk", "segment"),
@@ -96,9 +104,16 @@ class ExactJerk(SeveralStarts):
             jerkless = problem.without("jerk")
             return Exact(self.starts, self.agreeing, self.solver).solve(jerkless)
         self.announce("exact-jerk", problem)
+        if self.solver == "ipopt":  # an independent check: no other method steps in
+            return self._planned(problem)
+        return gate.certified(problem, self._planned, self.solve)
+
+    def _planned(self, problem: Problem) -> Solution:
+        """Return the planner's own answer, which nobody has judged."""
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
-            return boxes.best(self, problem, _solved_near)
+            several = replace(self, starts=min(self.starts, _FEW_STARTS))
+            return boxes.best(self, problem, _solved_near, several)
         briefly = partial(self._solved, patient=False)
         stopping = _stopping if problem.route.at_rest else None
         return brief_steps.solved(problem, known, self._solved, briefly, stopping)
@@ -170,7 +185,13 @@ class ExactJerk(SeveralStarts):
                 more = islice(more, max(self.starts - len(known), 0))
             return self.best_of(scaled, solve, more, known)
         starts = islice(_starts(scaled), (MAX_STARTS_FACTOR if patient else 1) * self.starts)
-        return self.best_of(scaled, solve, starts)
+        if not scaled.tolerance.any() or self.solver == "ipopt":
+            return self.best_of(scaled, solve, starts)
+        exact = self._from_starts(problem.without("tolerance"), None, passing, patient)
+        if exact.trajectory is None:
+            return self.best_of(scaled, solve, starts)
+        near = self.best_of(scaled, solve, starts, _from_exact_points(scaled, exact.trajectory))
+        return min(near, exact, key=partial(_certified, problem))
 
 
 def _solved_near(
@@ -200,6 +221,33 @@ def _starts(scaled: Scaled) -> Iterator[JerkStart]:
         yield JerkStart(slower * scaled.stop, at_rest, at_rest)
 
 
+def _from_exact_points(scaled: Reachable, motion: Trajectory) -> list[LocalOptimum]:
+    """Return the local optimum near the motion through the exact points, a little slower.
+
+    Where dozens of points are near each other no other guess leads to an optimum in bounded time.
+    The last iterate counts too, if the judge certifies its motion.
+    """
+    *_, a_unit, v_unit, _ = scaled.units
+    times = motion.waypoint_times
+    at = times[1:] if scaled.closed else times[1:-1]
+    velocity, acceleration = motion(at, 1) / v_unit, motion(at, 2) / a_unit
+    acceleration *= scaled.problem.limits.jerk_limited
+    start = JerkStart(
+        _SLOWER * np.diff(times) / scaled.unit, velocity / _SLOWER, acceleration / _SLOWER**2
+    )
+    (found,) = _minimised(scaled, [start], _MOST_STEPS)
+    if np.isfinite(found.duration):
+        return [found]
+    is_kept = unconverged(scaled, [found]) is not None
+    return [found._replace(duration=float(found.times.sum()))] if is_kept else []
+
+
+def _certified(problem: Problem, solution: Solution) -> float:
+    """Return the certified duration of an answer, s; infinite where there is none."""
+    motion = solution.trajectory
+    return np.inf if motion is None else verify(problem, motion).certified_duration or np.inf
+
+
 def _met(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
     """Return starts that are optima themselves."""
     cells = JerkTables(scaled)
@@ -210,7 +258,9 @@ def _met(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
     return optima
 
 
-def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
+def _minimised(
+    scaled: Scaled, starts: Sequence[JerkStart], most_steps: int | None = None
+) -> list[LocalOptimum]:
     """Return the local optimum that each initial guess leads to."""
     near = bool(scaled.tolerance.any())
     cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
@@ -219,7 +269,10 @@ def _minimised(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum
     # a start that diverges overflows; `converged` is then false
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
-        iterate = descended(begun(begins(cells, point)), converged)
+        rows = begins(cells, point)
+        if most_steps is not None:
+            rows.max_iterations = most_steps
+        iterate = descended(begun(rows), converged)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point
     numbers = np.arange(len(starts))

@@ -71,7 +71,7 @@ def rounded_away(problem: Problem, duration: float) -> str:
     if problem.segments > 1 or problem.route.at_rest or problem.route.demand("closed"):
         return ""
     least, joint = _least(problem)
-    if not duration > LONG * least:
+    if not 0 < LONG * least < duration:
         return ""
     own = _of_time(problem, least)
     # the joint that needs all of this time has no other motion

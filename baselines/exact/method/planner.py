@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -14,12 +14,13 @@ from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.demand import names
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import keeping, verify
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
 
@@ -79,6 +80,7 @@ class SeveralStarts(Planner):
 
     starts: int = 8
     agreeing: int = 2
+    solver: Literal["interior-point", "ipopt"] = "interior-point"
 
     requires = ("scipy.linalg", "scipy.optimize")
     # CPU seconds of an initial guess for each segment and joint: a constant, and a factor of the
@@ -107,6 +109,8 @@ class SeveralStarts(Planner):
 
     def in_one_piece(self, problem: Problem) -> Solution | None:
         """Return the answer of one piece to a segment in motion, if there is one."""
+        if self.solver == "ipopt":
+            return None
         motion = one_piece.motion(problem.without(*self.unknown(problem)))
         return None if motion is None else self.answered(problem, motion)
 
@@ -136,12 +140,22 @@ class SeveralStarts(Planner):
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
-        # the first of those that differ by rounding
-        best = next(own for own in local if own.duration <= durations.min() * (1 + _SAME_RTOL))
-        if not np.isfinite(best.duration):
+        if not np.isfinite(durations.min()):
             message = no_start_succeeded(statuses)
-            return Solution(Status.FAILED, message=message, stats=stats)
-        return self.answered(scaled.problem, scaled.trajectory(best.times, best.states), stats)
+            motion = None if self.solver == "ipopt" else unconverged(scaled, local)
+            if motion is None:
+                return Solution(Status.FAILED, message=message, stats=stats)
+            found = self.answered(scaled.problem, motion, stats)
+            said = f"{message}: the best of their last iterates that the judge certifies"
+            return replace(found, message="; ".join(filter(None, [found.message, said])))
+        # those that differ by rounding; where a dilation mends nothing rounding counts
+        ties = [own for own in local if own.duration <= durations.min() * (1 + _SAME_RTOL)]
+        answer = scaled.trajectory(ties[0].times, ties[0].states)
+        for own in ties[1:] if not scaled.problem.route.dilatable else ():
+            if keeping(scaled.problem, answer) is not None:
+                break
+            answer = scaled.trajectory(own.times, own.states)
+        return self.answered(scaled.problem, answer, stats)
 
     def answered(
         self, problem: Problem, answer: Trajectory, stats: Mapping[str, Any] = NOTHING
@@ -162,3 +176,20 @@ class SeveralStarts(Planner):
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
         message = f"{kinds} limits are ignored: {best_known}"
         return Solution(Status.RELAXED, answer, message, stats=stats)
+
+
+def unconverged(scaled: Reaching, local: Sequence[LocalOptimum]) -> Trajectory | None:
+    """Return the shortest motion of the last iterates that the judge certifies."""
+    found: list[tuple[float, Trajectory]] = []
+    for own in local:
+        if own.states is None or not np.isfinite(own.times).all():
+            continue
+        try:
+            with np.errstate(all="ignore"):
+                motion = scaled.trajectory(own.times, own.states)
+                duration = verify(scaled.problem, motion).certified_duration
+        except (InvalidTrajectory, ValueError, IndexError, np.linalg.LinAlgError):
+            continue  # what did not converge may be no motion at all
+        if duration is not None:
+            found.append((duration, motion))
+    return min(found, key=lambda pair: pair[0])[1] if found else None
