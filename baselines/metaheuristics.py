@@ -46,81 +46,10 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import objective, spline353
-from trajopt.planners.objective import CLOSED_FORM, LOWER, UPPER, Fitness, Objective
+from trajopt.planners.counted import Counted, Late, Spent, compiled
+from trajopt.planners.objective import CLOSED_FORM, LOWER, UPPER, Fitness
 from trajopt.planners.planner import Planner, backend, raised
 from trajopt.planners.swarm.optimiser import check_choices, require
-
-# Replaces an infinite fitness; its square is still finite.
-_INFINITE_FITNESS = 1e100
-
-
-class Spent(BaseException):
-    """The budget is spent. Not an `Exception`: a library must not catch it."""
-
-
-class Late(BaseException):
-    """The CPU time is spent."""
-
-
-class Counted:
-    """The objective for a library: it counts evaluations, keeps the best, and ends the search.
-
-    Attributes:
-        spent: Number of candidates evaluated.
-        best: The best of them, segment times, s, `(variables,)`.
-        value: Its fitness, s.
-        rows: Evaluations spent and the best fitness by then, at each improvement.
-    """
-
-    def __init__(self, fitness: Objective, budget: int, cpu_limit: float | None) -> None:
-        self.fitness = fitness
-        self.budget = budget
-        self.spent = 0
-        self.best = fitness.high
-        self.value = np.inf
-        self.rows: list[tuple[int, float]] = []
-        self.deadline = np.inf if cpu_limit is None else time.process_time() + cpu_limit
-
-    @property
-    def left(self) -> int:
-        return self.budget - self.spent
-
-    def one(self, candidate: Any) -> float:
-        """Return the fitness of one candidate, whatever its shape."""
-        if self.spent >= self.budget:
-            raise Spent
-        if time.process_time() > self.deadline:
-            raise Late
-        times = self._times(candidate)
-        value = min(self.fitness(times), _INFINITE_FITNESS)
-        self.spent += 1
-        if value < self.value:
-            self.value = value
-            self.rows.append((self.spent, value))
-            if value < _INFINITE_FITNESS:
-                self.best = np.clip(times, self.fitness.low, self.fitness.high)
-        return value
-
-    def many(self, candidates: Array) -> Array:
-        """Return the fitness of candidates `(n, variables)`, `(n,)`."""
-        return np.array([self.one(candidate) for candidate in candidates])
-
-    def history(self) -> Array:
-        """Return `Solution.history`: NaN until a candidate keeps the limits."""
-        rows = list(self.rows)
-        if rows[-1][0] < self.spent:
-            rows.append((self.spent, self.value))
-        spent, best = np.array(rows).T
-        return np.column_stack([spent, np.where(best > self.fitness.ceiling, np.nan, best)])
-
-    def _times(self, candidate: Any) -> Array:
-        try:
-            times = np.asarray(candidate, dtype=float).reshape(-1)
-        except (TypeError, ValueError):
-            times = np.empty(0)
-        if times.size == self.fitness.variables:
-            return times
-        return np.full(self.fitness.variables, np.nan)
 
 
 @dataclass(frozen=True)
@@ -194,7 +123,7 @@ class Metaheuristic(Planner):
             if reason is not None:
                 return Solution(Status.INFEASIBLE, message=reason)
         started = time.perf_counter()
-        fitness = _objective(problem, self.shape, self.fitness, self.lower, self.upper)
+        fitness = compiled(problem, self.shape, self.fitness, self.lower, self.upper)
         setup_time = time.perf_counter() - started
         counted = Counted(fitness, self.budget, self.cpu_limit)
         begun = 0
@@ -249,24 +178,6 @@ class Metaheuristic(Planner):
         if suggestion:
             right = f"the name of an optimiser of {library}; did you mean {suggestion!r}?"
         raise InvalidInput("name", right, value=self.name)
-
-
-def _objective(
-    problem: Problem, shape: str, fitness: Fitness, lower: float, upper: float
-) -> Objective:
-    """Return the compiled objective; compiling takes long, so the last ones are kept."""
-    key = (problem.digest(), shape, fitness, lower, upper)
-    if key not in _KEPT:
-        made = Objective(problem, shape, fitness, lower=lower, upper=upper)
-        made(made.high)
-        if len(_KEPT) == _MAX_KEPT:
-            _KEPT.pop(next(iter(_KEPT)))
-        _KEPT[key] = made
-    return _KEPT[key]
-
-
-_KEPT: dict[tuple[Any, ...], Objective] = {}
-_MAX_KEPT = 8
 
 
 @contextmanager

@@ -4,6 +4,7 @@
     python -m experiments.arena --libraries mealpy --seeds 5   # 234 optimisers on six-axis
     python -m experiments.arena --names mealpy:name=OriginalGWO,population=50 pso
     python -m experiments.arena --dask cluster.json
+    python -m experiments.arena --names mine.py:firefly --budgets 1000 --problems six-axis
     python -m experiments.arena --quick
 
 Each searches the three segment times of the 3-5-3 with Deb's rule in the same box, at equal
@@ -66,6 +67,7 @@ CPU_LIMIT_S = 20.0
 # Wall time after which a run that does not even evaluate is stopped, where it has a process.
 HANG_TIMEOUT_S = 300.0
 LEVEL = 0.05
+STORED = {1000: "arena.csv", 10_000: "arena-10000.csv"}  # tables of six-axis, by their budget
 
 
 def entrants(
@@ -214,6 +216,25 @@ def _percent(value: float) -> str:
     return f"{100 * max(value, 0.0):.4f} %" if np.isfinite(value) else "–"
 
 
+def stored_gaps(budget: int) -> Array:
+    """Return the stored median gaps on six-axis after so many evaluations; empty for others.
+
+    A failure has an infinite gap.
+    """
+    name = STORED.get(budget)
+    if name is None:
+        return np.empty(0)
+    file = Path(__file__).parent / "stored" / name
+    cells = pd.read_csv(file, comment="#")["median gap"].str.removesuffix(" %")
+    return pd.to_numeric(cells, errors="coerce").fillna(np.inf).to_numpy() / 100
+
+
+def placed(gap: float, budget: int) -> tuple[int, int] | None:
+    """Return a median gap's rank among the stored ones, and of how many with it; None without."""
+    others = stored_gaps(budget)
+    return (1 + int((others < gap).sum()), 1 + len(others)) if len(others) else None
+
+
 def versions(libraries: Sequence[str]) -> str:
     """The versions of what is installed of the libraries, of NumPy and of this package."""
     said = []
@@ -271,6 +292,10 @@ def main(
             if problem != FIRST:
                 others[budget].append(outcome)
             tables[budget] = table(outcome)
+            for name, gap in tables[budget]["median gap"].items() if problem == FIRST else ():
+                if place := placed(gap, budget):
+                    rank, every = place
+                    print(f"{name}: rank {rank} of {every} by median gap, with the stored ones")
             print(f"{problem}, {budget} evaluations, {count} seeds:")
         report(problem, tables, output)
         if problem == FIRST:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from trajopt.judging.verification import verify as verify
     from trajopt.planners.planner import Planner as Planner
     from trajopt.planners.planner import Relation as Relation
+    from trajopt.planners.search_planner import optimiser as optimiser
     from trajopt.views.export.motion_file import write as write
     from trajopt.views.results import Results as Results
 
@@ -58,6 +59,7 @@ _MODULE = {
     "front": "benchmark.front",
     "judge": "judgement",
     "objective": "benchmark.objective",
+    "optimiser": "planners.search_planner",
     "plan": "best_planner",
     "problem": "benchmark.suites.catalogue:load",
     "verify": "judging.verification",

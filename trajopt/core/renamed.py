@@ -8,6 +8,29 @@ from __future__ import annotations
 RENAMED = {"certify": "prove"}
 
 
+OF_OTHER_TOOLS = {
+    "pop_size": "population",
+    "popsize": "population",
+    "n_particles": "population",
+    "swarmsize": "population",
+    "epoch": "iterations",
+    "epochs": "iterations",
+    "generations": "iterations",
+    "n_gen": "iterations",
+    "maxiter": "iterations",
+    "budget": "evaluations",
+    "max_evals": "evaluations",
+    "maxfev": "evaluations",
+    "n_eval": "evaluations",
+}
+"""Options of optimisers in other libraries, and what they are called here."""
+
+
+def of_other_tools(option: str) -> str:
+    """Return our word for an option of another library's optimiser; empty if there is none."""
+    return OF_OTHER_TOOLS.get(option.lower(), "")
+
+
 def current(name: str) -> str:
     """Return today's name of what had this name."""
     return RENAMED.get(name, name)

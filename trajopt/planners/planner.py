@@ -333,7 +333,8 @@ def of_function(function: Callable[..., Solution]) -> Planner:
         InvalidInput: An option has no default, or cannot be seen.
     """
     name = function.__name__
-    options = _function_options(function)
+    _check_takes_a_problem(function)
+    options = function_options(function)
     takes_seed = "seed" in inspect.signature(function).parameters
 
     def solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
@@ -361,9 +362,29 @@ def of_function(function: Callable[..., Solution]) -> Planner:
     return planner
 
 
-def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any, Any]]:
-    """Return name, type and default of each option."""
-    _, *others = inspect.signature(function).parameters.values()
+def _check_takes_a_problem(function: Callable[..., Any]) -> None:
+    """Refuse a function that minimises, whose first argument is called as a function is."""
+    first = next(iter(inspect.signature(function).parameters))
+    if first in _OBJECTIVES:
+        name = function.__name__
+        right = (
+            f"{name} = trajopt.optimiser({name}), which makes a planner of a function that "
+            f"minimises {first}; a bare function plans: its first argument is a problem"
+        )
+        raise InvalidInput(f"planner {name}", right)
+
+
+def function_options(function: Callable[..., Any], given: int = 1) -> list[tuple[str, Any, Any]]:
+    """Return name, type and default of each option, which are its keywords.
+
+    Args:
+        function: Or a class.
+        given: The number of first arguments that are no options.
+
+    Raises:
+        InvalidInput: An option has no default, or cannot be seen.
+    """
+    others = list(inspect.signature(function).parameters.values())[given:]
     try:
         hints = get_type_hints(function)
     except NameError:  # a name that is imported for type checkers only
@@ -382,6 +403,7 @@ def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any,
     return options
 
 
+_OBJECTIVES = ("f", "fn", "fun", "func", "objective", "fitness", "cost")
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 _FUNCTION_ATTRIBUTES = (
     *("stochastic", "on_request", "requires", "knows", "drops", "relation", "unsupported"),

@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from trajopt.core import numerals
 from trajopt.core.exceptions import InvalidInput, MissingBackend, TrajoptError, UnknownName
+from trajopt.core.renamed import of_other_tools
 from trajopt.planners.planner import Planner, adapted, is_solve, raised
 
 GROUP = "trajopt.planners"
@@ -255,7 +256,9 @@ def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") ->
     for option, value in changes.items():
         if option not in known:
             key = f"planner {name}, option {option}"
-            raise InvalidInput(key, f"one of: {listed}", value=value)
+            ours = of_other_tools(option)
+            right = f"{ours}={value}, as it is called here; options: {listed}"
+            raise InvalidInput(key, right if ours in known else f"one of: {listed}", value=value)
     changed: PlannerT = _replaced(planner, changes, name)
     return changed
 
