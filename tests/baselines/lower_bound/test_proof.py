@@ -194,8 +194,8 @@ def test_asymmetric_limits_meet_the_trapezoid():
     problem = Problem([[0.0], [1.0]], Limits([[-1, 0.5]], [[-1.0, 4.0]]))
     # h/V + V/(2 A1) + V/(2 A2)
     optimum = 2.0 + 0.25 + 0.0625
-    proof = branch_and_bound(problem, optimum, 1e-6, never)
-    assert optimum * (1 - 1e-6) <= proof.lower_bound <= optimum
+    proof = branch_and_bound(problem, optimum * (1 - 1e-6), 1e-6, never)
+    assert optimum * (1 - 2e-6) <= proof.lower_bound <= optimum
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-10])
@@ -236,8 +236,8 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
         rising = j * ramp**3 / 6
         falling = v * hold - hold**2 / 2 + j * end**3 / 6
     infimum = ramp + end + hold + (1.0 - rising - falling) / v
-    proof = branch_and_bound(problem, infimum, 1e-5, never)
-    assert infimum * (1 - 1e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
+    proof = branch_and_bound(problem, infimum * (1 - 1e-5), 1e-5, never)
+    assert infimum * (1 - 2e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
     bound = prove(problem, within=1e-3, time_limit=HANG_S)
     assert bound.status == "proved"
     assert infimum * (1 - 1e-9) <= bound.upper_bound <= infimum * (1 + 1e-3)
