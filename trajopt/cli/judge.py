@@ -169,6 +169,8 @@ def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False
             "no log" if found.evidence is None else "a log without a motion within its half widths"
         )
         console.note(f"{path} is not written: {found.motion.name} is {what}")
+    elif path.suffix in motion_file.PICTURES and not quiet:
+        console.line(f"{path}: the log, and what it is known to")
     elif not quiet:
         slower = found.evidence and found.evidence.slower
         longer = f", {slower.factor:.4f} times as long: it keeps the limits" if slower else ""

@@ -35,8 +35,8 @@ from trajopt.views.analysis.gap_reference import durations
 Points = Literal["breaks", "cycles"]
 
 MESSAGES = (".yaml", ".yml")
-_PICTURES = (".png", ".svg", ".pdf")
-_ENDINGS = (".csv", ".json", *MESSAGES, *_PICTURES, ".h5")
+PICTURES = (".png", ".svg", ".pdf")
+_ENDINGS = (".csv", ".json", *MESSAGES, *PICTURES, ".h5")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Target:
         if self.path.suffix not in _ENDINGS:
             right = f"a file ending in {', '.join(_ENDINGS)}"
             raise InvalidInput("--out", right, value=str(self.path))
-        if self.points is not None and self.path.suffix in (*_PICTURES, ".h5"):
+        if self.points is not None and self.path.suffix in (*PICTURES, ".h5"):
             right = f"left out for a {self.path.suffix} file, which has no points"
             raise InvalidInput("--points", right, value=self.points)
 
@@ -155,13 +155,20 @@ def write(
 
 
 def write_log(path: Path, found: Execution) -> bool:
-    """Write the motion within a log's digits, in the formats of `write`; return if there is one.
+    """Write the motion within a log's half widths, as `write` does; return if there is one.
 
     For a broken log it is a slower motion that keeps the limits, if one was found. Samples are at
     the motion's breaks, so cubic pieces between them are the motion itself. A trial (.h5) states
-    the motion as its planner, without the verdict on the log.
+    the motion as its planner, without the verdict on the log. A picture shows the log itself, with
+    what it is known to, and the rows that convict.
     """
     told = found.evidence
+    if told is not None and path.suffix in PICTURES:
+        from trajopt.views.figures import log, plots
+
+        figure = log.premise(found)
+        _write_by(path, lambda file: plots.write(figure, file))
+        return True
     if told is None or (told.motion is None and told.slower is None):
         return False
     motion = told.motion if told.slower is None else told.slower.motion
@@ -173,8 +180,6 @@ def write_log(path: Path, found: Execution) -> bool:
         save(path, trial, durations)
     elif path.suffix == ".json":
         _write_text(path, json.dumps(_polynomials(found.problem, own), indent=1))
-    elif path.suffix in _PICTURES:
-        _draw(path, found.problem, own, f"{found.motion.name}, within its digits", "motion")
     else:
         times = own.breaks
         if path.suffix in MESSAGES:
