@@ -48,7 +48,7 @@ from trajopt.judging.evidence import passing as through
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.smoothness import Smoothness, of_certified, smoothness
 from trajopt.judging.turns import unwrapped
-from trajopt.judging.verification import Certificate, verify
+from trajopt.judging.verification import Certificate, Worst, hand_over, verify
 from trajopt.planners.planner import Planner
 
 if TYPE_CHECKING:
@@ -72,6 +72,8 @@ class Execution:
         evidence: The verdict on a log, with that motion; None where the motion is no log.
         cut: Whether it begins or ends in motion, which no problem forbids: its exact peaks are
             judged, without repair.
+        jumps: The largest jump of position, velocity and acceleration where it takes over from
+            another motion (`taking_over`); else empty.
     """
 
     motion: Motion
@@ -79,6 +81,7 @@ class Execution:
     certificate: Certificate
     evidence: Evidence | None = field(default=None, kw_only=True)
     cut: bool = field(default=False, kw_only=True)
+    jumps: tuple[Worst, ...] = field(default=(), kw_only=True)
 
     @property
     def executed(self) -> Trajectory:
@@ -127,6 +130,7 @@ class Execution:
             "dilation": self.certificate.dilation,
             "certified_duration": self.certificate.certified_duration,
             "ends": _ends(self.executed),
+            "jumps": [jump.value for jump in self.jumps],
             "standing": {"start": self.standing.start, "end": self.standing.end},
             "smoothness": self.smoothness and self.smoothness.as_dict(),
             "certificate": self.certificate.as_dict(),
@@ -509,6 +513,32 @@ def as_executed(
         if len(free.flaws) < len(certificate.flaws) or not at_rest:
             found = replace(found, problem=moving, certificate=free, cut=True)
     return replace(found, evidence=_confirmed(found, valid=found.certificate.valid))
+
+
+def taking_over(found: Execution, before: Motion, at: float) -> Execution:
+    """Return the verdict on a motion that takes over from another one that runs.
+
+    Args:
+        found: The verdict on its limits alone (`as_executed`).
+        before: The motion before, in the same order of joints.
+        at: Time of the hand-over in it, s.
+
+    Returns:
+        The verdict with the jumps of position, velocity and acceleration there, in `jumps`; those
+        that are too large are flaws.
+
+    Raises:
+        InvalidInput: The motion before ends earlier, or has other joints.
+    """
+    own = before.trajectory
+    _check_joints(before, found.problem.joints)
+    if not 0 <= at <= own.duration:
+        right = f"a time from 0 to {own.duration:.6g} s, in {before.name}"
+        raise InvalidInput("at", right, value=at)
+    state = [own(at, order) for order in range(3)]
+    jumps, flaws = hand_over(found.problem, found.executed, state)
+    certificate = replace(found.certificate, flaws=(*flaws, *found.certificate.flaws))
+    return replace(found, certificate=certificate, jumps=tuple(jumps))
 
 
 def _of_limits(

@@ -179,7 +179,7 @@ KINDS = {
 }
 PROBLEMS = "problem file (.toml), a built-in name, or waypoints: give limits with --urdf, --limits"
 STATED = "expected a problem file (.toml), which `trajopt new` writes, or a built-in name"
-MOTIONS = "expected a motion: a CSV with a column of times, a ROS message, or polynomials"
+MOTIONS = "expected a motion: a CSV with a column of times, a ROS message, arrays"
 RESULTS = "expected results: a folder that `trajopt compare` has filled, or its results.h5"
 # Each command with a file, what it expects, and the files that are not wrong there.
 COMMANDS = {
@@ -234,7 +234,7 @@ def test_verify_names_what_is_neither_a_motion_nor_results(run, name):
     assert code == 2
     assert f"{name} is {KINDS[name]}; {MOTIONS}" in err
     code, _, err = run(f"verify {name}")
-    is_table = Path(name).suffix in (".csv", ".json", ".yaml")
+    is_table = Path(name).suffix in (".csv", ".json", ".yaml", ".npy")
     assert code == 2
     assert is_table or name == "folder" or f"{name} is {KINDS[name]}; {RESULTS}" in err
 
@@ -416,7 +416,10 @@ def test_limits_that_are_switched_off_are_called_that(run):
     ("line", "words"),
     [
         ("judge motion.yaml limits.yaml", "`trajopt verify MOTION --limits FILE` judges"),
-        ("verify motion.yaml cell.toml", "cell.toml: verify takes no further argument; limits go"),
+        (
+            "verify motion.yaml cell.toml",
+            "cell.toml: PATH: expected motions only",
+        ),
         ("verify motion.yaml --limits robot.urdf", "is a URDF; expected a joint_limits.yaml"),
         ("plan w.csv --robot panda", "did you mean 'franka-panda'?"),
         ("plan w.csv --robot fr3", "did you mean 'franka-fr3'?"),

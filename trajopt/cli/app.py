@@ -83,13 +83,6 @@ _COMMANDS = {
     ),
     "diff": ("diff:diff", "Show which median durations moved between two results."),
 }
-# Advice for an argument too many, by command.
-_FURTHER = {
-    "verify": (
-        "; limits go behind --limits (joint_limits.yaml, a problem file, a robot's name), and "
-        "`trajopt judge MOTION PROBLEM` judges by waypoints too"
-    )
-}
 for _name, (_target, _help) in _COMMANDS.items():
     if _target.endswith(":app"):  # it has subcommands, and says its examples itself
         app.command(f"trajopt.cli.{_target}", name=_name, help=_help)
@@ -175,7 +168,7 @@ def _words(error: Exception) -> str:
     if isinstance(error, cyclopts.UnusedCliTokensError) and error.unused_tokens:
         given = " ".join(error.unused_tokens)
         command = " ".join(error.command_chain or ())
-        return f"{given}: {command} takes no further argument{_FURTHER.get(command, '')}"
+        return f"{given}: {command} takes no further argument"
     if isinstance(error, cyclopts.UnknownCommandError) and error.app and error.unused_tokens:
         given = error.unused_tokens[0]
         return told(given, "command") or _suggesting(error, given, [*error.app])

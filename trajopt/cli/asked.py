@@ -24,7 +24,7 @@ from trajopt.core import files, problem_file
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, urdf, waypoints
-from trajopt.formats.motion import TABLES
+from trajopt.formats.motion import WITH_UNITS
 from trajopt.formats.robot_limits import RobotLimits
 
 
@@ -159,7 +159,7 @@ def reading_motion(path: Path) -> Iterator[None]:
 
 def check_motion_unit(unit: str | None, motions: Sequence[Path], flag: str) -> None:
     """Refuse --motion-unit if no motion is a table: messages are always in rad and m."""
-    if unit is not None and not any(path.suffix in TABLES for path in motions):
+    if unit is not None and not any(path.suffix in WITH_UNITS for path in motions):
         names = ", ".join(path.name for path in motions) or "no motion"
         raise InvalidInput(flag, f"no such flag with {names}, which is in rad and m", value=unit)
 

@@ -34,6 +34,7 @@ from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem
+from trajopt.formats.motion import ARRAYS, TABLES
 from trajopt.judgement import GivenMotion, motion_of
 from trajopt.planners.registry import entries
 from trajopt.views.analysis.gap_reference import improvements
@@ -183,7 +184,8 @@ def _motions(
     for file in files:
         name = file.name if names[file.name] == 1 else str(file)
         with asked.reading_motion(file):
-            given = motion_of(file, interpolation, unit)
+            own = unit if file.suffix in (*TABLES, *ARRAYS) else None
+            given = motion_of(file, interpolation, own)
         yield name, GivenMotion(given)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from trajopt.core import files
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.out_of_scope import out_of_scope
+from trajopt.formats.arrays import NO_MOTION
 from trajopt.formats.csv_file import ABOVE
 from trajopt.formats.samples_csv import READABLE
 
@@ -26,6 +27,7 @@ _SIGNS = {
     r"(?i)\A\s*<(!doctype )?html\b": "an HTML page",
     r"\A(\x89PNG|\xff\xd8\xff|GIF8|%PDF)|<svg\b": "a picture",
     r"\A\x93NUMPY": "a NumPy array",
+    r"\APK[\s\S]{0,200}\.npy": "a NumPy archive",
     r"\APK": "a spreadsheet",
     r"\0": "a binary file",
     r"(?m)^\s*(PTP|LIN|DEF) |MoveAbsJ|^\s*MODULE \w|\bmove[jl]\(": "a robot program",
@@ -34,7 +36,7 @@ _SIGNS = {
     r"""(?m)^[ "'{]*(joint_limits|default_(velocity|acceleration)_scaling_factor)["']?\s*:""": (
         "a joint_limits.yaml"
     ),
-    r"(?m)^ *limit\s*:\s*$\n +(lower|upper|velocity|effort)\s*:": (
+    r"(?m)^ *[\w$(){}. -]+:\s*$\n +(lower|upper|velocity|effort)\s*:": (
         "a table of a robot description package"
     ),
     r"(?m)^ *cartesian_limits\s*:": "a pilz_cartesian_limits.yaml",
@@ -67,6 +69,7 @@ _LANGUAGES = (
     "a ROS message",
     "a problem file",
 )
+_ARRAYS = ("a NumPy array", "a NumPy archive", "a JSON file of another kind")
 _WANTED = {
     "problem": (("a problem file",), _PROBLEM),
     "waypoints": (
@@ -78,8 +81,14 @@ _WANTED = {
         "expected a problem file (.toml), which `trajopt new` writes, or a built-in name",
     ),
     "motion": (
-        ("a CSV of a motion", "a ROS message", "a motion of polynomials", "a trial's file"),
-        "expected a motion: a CSV with a column of times, a ROS message, or polynomials (.json)",
+        (
+            "a CSV of a motion",
+            "a ROS message",
+            "a motion of polynomials",
+            "a trial's file",
+        ),
+        "expected a motion: a CSV with a column of times, a ROS message, arrays (.npz, .json), or "
+        "polynomials (.json)",
     ),
     "--urdf": (("a URDF",), "expected a URDF behind --urdf"),
     "--limits": (("a joint_limits.yaml",), "expected a joint_limits.yaml behind --limits"),
@@ -114,7 +123,9 @@ _PLACES_WANTED = {
         "remove the column of times to plan through its positions; `trajopt judge MOTION PROBLEM` "
         "judges the motion"
     ),
+    ("waypoints", "a NumPy archive"): "np.save writes the rows of one array as a .npy",
     ("waypoints", "a JSON file of another kind"): "a list of rows of numbers is one",
+    ("motion", "a NumPy array"): "np.savez('log.npz', t=a[:, 0], q=a[:, 1:]) names its columns",
     ("motion", "a CSV of waypoints"): "`trajopt plan` plans through points without times",
 }
 
@@ -154,7 +165,11 @@ def reading(path: Path | str, wanted: str) -> Iterator[None]:
         found = kind(Path(path)) if Path(path).exists() else ""
         if not found or found in right or ABOVE in str(error):
             raise
+        if wanted == "motion" and found in _ARRAYS and NO_MOTION not in str(error):
+            raise
         _, known, header = str(error).partition(READABLE)
+        if not known:
+            _, known, header = str(error).partition(NO_MOTION)
         place = _PLACES_WANTED.get((wanted, found), _PLACES.get(found, ""))
         words = [f"{path} is {found}", sentence, place, known + header]
         raise TrajoptError("; ".join(filter(None, words))) from None

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from math import tau
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, evidence_words, kinds
-from trajopt.cli.asked import NO_FLAGS, RobotFlags
+from trajopt.cli.asked import NO_FLAGS, RobotFlags, RobotOptions
 from trajopt.cli.console import PlainTable
 from trajopt.cli.judge import check_log_out, slower, standing_words, unmendable, write_log_motion
 from trajopt.cli.parameters import (
@@ -26,16 +27,17 @@ from trajopt.cli.parameters import (
     Noise,
     Resolution,
     Window,
+    number,
 )
 from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.demand import END_STATES
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.units import ANGLES
-from trajopt.formats.motion import ENDINGS, motion
+from trajopt.formats.motion import ENDINGS, WITH_UNITS, motion
 from trajopt.formats.samples import known_as
-from trajopt.judgement import Execution, as_executed
+from trajopt.judgement import Execution, as_executed, taking_over
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views import table_cells
@@ -44,18 +46,21 @@ from trajopt.views.analysis.gap_reference import durations
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
 _NO_LIMIT = 1e6  # rad/s²: the same where other joints have a limit
+_OF_MOTIONS = ("duration s", "velocity", "acceleration", "jerk")
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
 def verify(
     path: Path,
-    *,
+    *more: Path,
     robot: RobotFlags = NO_FLAGS,
     interpolation: InterpolationName = "auto",
     noise: Noise = None,
     resolution: Resolution = None,
     commanded: Commanded = None,
     window: Window = DEFAULT_WINDOW_S,
+    before: Path | None = None,
+    at: Annotated[float | None, number("Time of the hand-over in it, s.", least=0)] = None,
     out: LogOut = None,
     force: Force = False,
     json: Json = False,
@@ -75,13 +80,22 @@ def verify(
 
     Args:
         path: Results folder or results.h5; or a motion's file.
+        more: Further motions: each gets a line, and the exit code is that of the worst.
+        before: Motion that runs until this one takes over, at --at.
     """
+    if (before is None) != (at is None):
+        raise InvalidInput("--at", "--before FILE and --at SECONDS, both or neither", value=at)
     if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
         log = None
         if interpolation in AS_LOG:
             log = LogOptions(noise, resolution, commanded, window)
         check_log_out(out, force=force)
-        return _verify_motion(path, robot, interpolation, log, out, json)
+        judged = _Judged(robot, interpolation, log, before, at)
+        if more:
+            return _verify_motions([path, *more], judged, out, json)
+        return _verify_motion(path, judged, out, json)
+    if more:
+        raise InvalidInput("PATH", "motions, or one folder of results", value=str(path))
     of_motion = bool(robot.said) or interpolation != "auto" or out is not None
     of_motion |= any(own is not None for own in (noise, resolution, commanded))
     with kinds.reading(path, "motion" if of_motion else "results"):
@@ -103,35 +117,103 @@ def report(found: Verification, json: bool) -> None:
     console.print_json({**told, "trials": rows})
 
 
-def _verify_motion(
-    path: Path,
-    robot: RobotFlags,
-    interpolation: Interpolation,
-    log: LogOptions | None,
-    out: Path | None,
-    json: bool,
-) -> int:
+@dataclass(frozen=True)
+class _Judged:
+    """How a motion is judged by limits alone: the options of the command."""
+
+    robot: RobotOptions
+    interpolation: Interpolation
+    log: LogOptions | None
+    before: Path | None
+    at: float | None
+
+    @property
+    def limits(self) -> str:
+        """Return whose limits these are, in words.
+
+        Raises:
+            InvalidInput: No option says it.
+        """
+        of_files = ("--unit", "--no-unwrap")
+        said = {flag: own for flag, own in self.robot.said.items() if flag not in of_files}
+        if not said:
+            right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
+            raise InvalidInput("--limits", right)
+        if self.robot.acceleration is not None:
+            said["--acceleration"] = f"{self.robot.acceleration:g} rad/s² for joints without one"
+        return ", ".join(map(str, said.values()))
+
+    def __call__(self, path: Path) -> Execution:
+        """Return the verdict on the motion of a file."""
+        with kinds.reading(path, "motion"):
+            found = _executed(path, self.robot, self.interpolation, self.log)
+        if self.before is not None and self.at is not None:
+            units = dict.fromkeys(found.problem.joint_names, "rad")
+            with kinds.reading(self.before, "motion"):
+                unit = self.robot.unit if self.before.suffix in WITH_UNITS else None
+                earlier = motion(self.before, self.interpolation, unit, units)
+                earlier = earlier.for_joints(found.problem.joint_names)
+            found = taking_over(found, earlier, self.at)
+        if "deg" in (self.robot.unit or ""):
+            _warn_of_radians(found)
+        return found
+
+
+def _verify_motion(path: Path, judged: _Judged, out: Path | None, json: bool) -> int:
     """Judge a motion as a controller runs it, by limits alone."""
-    limits = {
-        flag: value for flag, value in robot.said.items() if flag not in ("--unit", "--no-unwrap")
-    }
-    if robot.acceleration is not None:
-        limits["--acceleration"] = f"{robot.acceleration:g} rad/s² for joints without one"
-    asked.check_motion_unit(robot.unit, [path], "--unit")
-    if not limits:
-        right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
-        raise InvalidInput("--limits", right)
-    with kinds.reading(path, "motion"):
-        found = _executed(path, robot, interpolation, log)
-    if "deg" in (robot.unit or ""):
-        _warn_of_radians(found)
+    asked.check_motion_unit(judged.robot.unit, [path], "--unit")
+    limits = judged.limits
+    found = judged(path)
     if json:
         write_log_motion(out, found, quiet=True)
         console.print_json(found.as_dict())
     else:
-        _print_execution(found, ", ".join(map(str, limits.values())))
+        _print_execution(found, limits)
         write_log_motion(out, found)
     return 1 if found.broken else 0
+
+
+def _verify_motions(paths: Sequence[Path], judged: _Judged, out: Path | None, json: bool) -> int:
+    """Judge several motions by the same limits: a line each, the exit code of the worst."""
+    for path in paths:
+        if path.suffix not in ENDINGS:
+            right = (
+                "motions only beside a motion; limits go behind --limits (joint_limits.yaml, a "
+                "problem file, a robot's name), and `trajopt judge MOTION PROBLEM` judges by "
+                "waypoints too"
+            )
+            raise InvalidInput("PATH", right, file=str(path))
+    if out is not None:
+        raise InvalidInput("--out", "one motion, whose log is written", value=str(out))
+    limits = judged.limits
+    table = console.table("motion", "verdict", numbers=_OF_MOTIONS)
+    told: list[dict[str, Any]] = []
+    codes = []
+    for path in paths:
+        try:
+            found = judged(path)
+        except TrajoptError as error:
+            words = str(error).replace("unit=", "--unit ")
+            table.row(path.name, words)
+            told.append({"motion": path.name, "error": words})
+            codes.append(2)
+            continue
+        verdict = "feasible" if found.kept else "not feasible"
+        if found.evidence is not None:
+            verdict = str(found.evidence.verdict)
+        if found.certificate.flaws and not found.kept:
+            verdict += f": {found.certificate.flaws[0]}"
+        uses = [found.certificate.uses.get(key) for key in ("velocity", "acceleration", "jerk")]
+        shown = ["" if use is None else f"{use.value:.4f}" for use in uses]
+        table.row(path.name, verdict, f"{found.certificate.duration:.6g}", *shown)
+        told.append(found.as_dict())
+        codes.append(1 if found.broken else 0)
+    if json:
+        console.print_json({"motions": told})
+    else:
+        console.OUT.print(table)
+        console.paragraph(f"Uses are shares of the limits of {limits}.")
+    return max(codes)
 
 
 def _executed(
@@ -232,7 +314,12 @@ def _print_execution(found: Execution, limits: str) -> None:
 
 def _at_ends(found: Execution) -> Iterator[str]:
     """Say how the motion begins and ends, if not at rest, and how long it stands there."""
-    if found.cut or (found.evidence is not None and not found.evidence.at_rest):
+    if found.jumps:
+        unit = found.problem.shared_unit()
+        units = (unit, f"{unit}/s", f"{unit}/s²")
+        sizes = [f"{own.value:.3g} {per}" for own, per in zip(found.jumps, units, strict=True)]
+        yield f"At the hand-over position, velocity and acceleration jump by {', '.join(sizes)}."
+    elif found.cut or (found.evidence is not None and not found.evidence.at_rest):
         motion, unit = found.executed, found.problem.shared_unit()
         fastest = np.abs(motion(np.array([0.0, motion.duration]), 1)).max(axis=1)
         said = " and ".join(

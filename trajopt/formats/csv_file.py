@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,7 @@ _INDEX = re.compile(
 )
 # A unit behind a name without brackets: joint1_deg, joint1_vel_deg_s.
 _SUFFIX = re.compile(r"(.+)_(deg|rad|mm)(?:_?(?:per_)?(s|s2))?")
+_LIST = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
 # A word, perhaps with a unit in brackets behind it: "elbow [deg]".
 _WORD = re.compile(r"[^\s\[(]\S*(?:\s+[\[(][^\s\])]{0,20}[\])])?")
 
@@ -44,12 +45,14 @@ class Table:
         line: The number of the first line with content.
         separator: The character between cells, or None for spaces.
         lines: The lines of numbers.
+        cells: Column by column, where lines do not have them: of arrays, of lists in cells.
     """
 
     headings: Sequence[str]
     line: int
     separator: str | None
     lines: Sequence[Line]
+    cells: Sequence[Sequence[str]] = ()
 
     def __post_init__(self) -> None:
         if len(self.headings) > _MAX_COLUMNS:
@@ -79,6 +82,8 @@ class Table:
         Raises:
             InvalidInput: A line has another number of cells.
         """
+        if self.cells:
+            return self.cells
         rows = [_cells(text, self.separator) for _, text in self.lines]
         for (line, _), row in zip(self.lines, rows, strict=True):
             if len(row) == len(self.headings):
@@ -111,7 +116,7 @@ class Table:
     def place(self, row: int, column: int) -> str:
         """Name a cell, for errors, by its line in the file and its column, from 1."""
         line, _ = self.lines[row]
-        where = f"line {line}, column {column + 1}"
+        where = f"line {line}, column {column + 1}" if self.lines[row][1] else f"row {line}"
         return f"{where}, {self.headings[column]}," if self.headings[column] else where
 
 
@@ -148,6 +153,32 @@ def table(text: str, *, commented: bool = False) -> Table:
     if len(headings) != columns:
         headings = [""] * columns
     return Table(headings, number, separator, content)
+
+
+def parted(given: Table) -> Table:
+    """Return the table with a column for each number of a list in a cell, `[0.1, 0.2]`.
+
+    Raises:
+        InvalidInput: The lists of a column differ in length.
+    """
+    if not given.lines or not any(map(_LIST.fullmatch, _cells(given.lines[0][1], given.separator))):
+        return given
+    headings: list[str] = []
+    cells: list[Sequence[str]] = []
+    for index, (name, column) in enumerate(zip(given.headings, given.columns, strict=True)):
+        if not _LIST.fullmatch(column[0]):
+            headings.append(name)
+            cells.append(column)
+            continue
+        lists = [re.split(r"[\s,;]+", cell.strip("[](){} ")) for cell in column]
+        count = len(lists[0])
+        for row, own in enumerate(lists):
+            if len(own) != count:
+                right = f"a list of {count} numbers, as in the line before"
+                raise InvalidInput(given.place(row, index), right, value=column[row])
+        headings += [f"{name}[{number}]" for number in range(count)]
+        cells += [*zip(*lists, strict=True)]
+    return replace(given, headings=headings, cells=cells)
 
 
 def _headings(line: str, separator: str | None) -> list[str]:

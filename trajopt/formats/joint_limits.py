@@ -18,7 +18,8 @@ Also read are `min_position` and `max_position` with `has_position_limits`; `min
 `min_acceleration` and `min_jerk`, negative, the lower side of a pair beside the `max_…`; and
 `max_deceleration`. The smaller of deceleration and acceleration limit bounds accelerations of both
 signs, because limits here depend on the direction, not on whether a joint brakes; a `FileNote` says
-so where they differ. Limits that are not in the file keep their values (`RobotLimits.updated`), so
+so where they differ. Joints whose names are numbered are in that order, others in none. Limits that
+are not in the file keep their values (`RobotLimits.updated`), so
 a file of the two scaling factors alone goes with a robot. Efforts, soft limits, limits of the tool,
 rates under unknown sections and unknown keys of a joint are not read, which a `FileNote` says; a
 misspelt key is refused (`trajopt.core.keys`).
@@ -45,6 +46,7 @@ from trajopt.formats.robot_limits import (
     RobotLimits,
     note_braking,
 )
+from trajopt.formats.samples import numbers
 
 _WHAT = "joint limits"
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
@@ -185,11 +187,13 @@ def _limits(table: Any, source: str) -> RobotLimits:
         joints[str(name)] = _bounds(key, entry)
     if not joints and not factors:
         raise InvalidInput("joint_limits", "at least one joint")
+    numbered = dict(zip(joints, numbers(list(joints)), strict=False))
+    joints = {name: joints[name] for name in sorted(joints, key=lambda own: numbered.get(own, 0))}
     velocity_scaling, acceleration_scaling = [_scaling(table, key) for key in _SCALINGS]
     return RobotLimits(
         joints=joints,
         source=source,
-        ordered=False,
+        ordered=bool(numbered),
         velocity_scaling=velocity_scaling,
         acceleration_scaling=acceleration_scaling,
     )

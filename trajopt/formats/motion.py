@@ -3,6 +3,7 @@
 - `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
 - `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
 - `.yaml`: a log of `sensor_msgs/JointState` (`trajopt.formats.joint_state`);
+- `.npz`, `.npy` or `.json`: arrays with names (`trajopt.formats.arrays`);
 - `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them,
   with the `lengths` of pieces where the breaks round them; or MATLAB's `pp`, of `jsonencode`;
 - in Python also a `Trajectory`, `Samples`, and SciPy's `PPoly` and `BSpline`.
@@ -29,14 +30,18 @@ from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.tables import check_joint_names
 from trajopt.core.trajectory import Trajectory
-from trajopt.formats import joint_state, joint_trajectory, samples_csv
+from trajopt.core.units import UNIT
+from trajopt.formats import arrays, joint_state, joint_trajectory, samples_csv
 from trajopt.formats.samples import Samples, known_as
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
-ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
+ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml", ".npz", ".npy")
 TABLES = (".csv", ".txt")
+ARRAYS = (".npz", ".npy")
+WITH_UNITS = (*TABLES, *ARRAYS, ".json")
+"""Endings of files whose units may be stated beside them."""
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
 MATLAB = {
     "form": Key(keys.text, "pp"),
@@ -128,6 +133,7 @@ class Motion:
         elif sorted(names) != sorted(joint_names):
             right = f"the joints {', '.join(joint_names)}; rename them"
             raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
+        self._note_prefix(names)
         order = [names.index(name) for name in joint_names]
         in_order = self.trajectory.coefficients[..., order]
         own = replace(self.trajectory, coefficients=in_order)
@@ -140,6 +146,14 @@ class Motion:
             joint_units=units,
             samples=samples,
         )
+
+    def _note_prefix(self, names: Sequence[str]) -> None:
+        """Say that joints were found by the end of their names, or of the robot's."""
+        first, known = next(zip(self.joint_names, names, strict=True))
+        shorter, longer = sorted((first, known), key=len)
+        if shorter != longer and longer.endswith(shorter) and "/" not in longer + shorter:
+            note = f"{self.name}: its joints are found without a prefix: {first} is {known}"
+            warnings.warn(FileNote(note), stacklevel=3)
 
     def check_units(self, problem: Problem) -> None:
         """Refuse metres for a joint that turns, and angles for one that slides.
@@ -168,7 +182,8 @@ def motion(
     Args:
         given: The file or the object.
         interpolation: How samples are joined; by default as a controller joins them.
-        unit: Units of a CSV's columns without a unit in the header, like "deg" or "deg,mm,ms".
+        unit: Units of a CSV's columns without a unit in the header, and of arrays, like "deg" or
+            "deg,mm,ms".
         joint_units: "rad" or "m" by the names of the robot's joints, where known.
 
     Raises:
@@ -212,8 +227,11 @@ def _read(
         if path.suffix in TABLES:
             samples = samples_csv.read(path, unit, joint_units)
             motion = of_samples(path.name, samples, interpolation)
+        elif path.suffix in ARRAYS:
+            samples = arrays.read(path, unit, joint_units)
+            motion = of_samples(path.name, samples, interpolation)
         else:
-            motion = _in_file(path, interpolation)
+            motion = _in_file(path, interpolation, unit, joint_units)
         check_work(*motion.trajectory.coefficients.shape)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
@@ -222,9 +240,17 @@ def _read(
     return motion
 
 
-def _in_file(path: Path, interpolation: Interpolation) -> Motion:
+def _in_file(
+    path: Path, interpolation: Interpolation, unit: str | None, joint_units: Mapping[str, str]
+) -> Motion:
     table = files.json(path, "motion") if path.suffix == ".json" else None
     stated = _stated(table, path.name) if isinstance(table, Mapping) else None
+    if stated is None and path.suffix == ".json" and not _is_message(table):
+        samples = arrays.samples(table, path.name, unit, joint_units)
+        return of_samples(path.name, samples, interpolation)
+    if unit is not None:
+        right = f"left out: {path.name} is in rad and m"
+        raise InvalidInput(UNIT, right, value=unit)
     if stated is None:
         samples = joint_state.read(path) or joint_trajectory.read(path)
         return replace(of_samples(path.name, samples, interpolation), of_message=True)
@@ -233,6 +259,15 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
     if names:
         check_joint_names(names, trajectory.joints)
     return Motion(path.name, trajectory, "polynomial", tuple(names))
+
+
+def _is_message(table: Any) -> bool:
+    """Return whether a JSON file is to be read as a message: arrays have no points."""
+    try:
+        inside = joint_trajectory.found(table)
+    except InvalidInput:
+        return not arrays.held(table)
+    return any("points" in own for own in inside.values()) or not arrays.held(table)
 
 
 def _stated(table: Mapping[str, Any], name: str) -> tuple[Trajectory, Sequence[str]] | None:

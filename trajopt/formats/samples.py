@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,22 +95,57 @@ class Samples:
 def known_as(own: Sequence[str], known: Sequence[str], *, ordered: bool = True) -> tuple[str, ...]:
     """The names by which a robot knows the joints of a file, or the file's own names.
 
-    A namespace that all joints of one side share (`left/elbow`) is ignored. Numbered columns (`q0`,
-    `q1`, ...) of other names are the robot's joints in their order, if it is known (`ordered`).
+    A namespace that all joints of one side share (`left/elbow`) is ignored, and so is a prefix
+    (`gen3_joint_1` beside `joint_1`) where it leaves no choice. Numbered columns (`q0`, `q1`, ...)
+    of other names are the robot's joints in their order, if it is known (`ordered`).
     """
     by_name = dict(zip(_without_namespace(known), known, strict=True))
     bare = _without_namespace(own)
     found = [by_name.get(name) for name in bare]
+    if not any(found):
+        found = _without_prefix(bare, by_name)
     if all(found):
         return tuple(filter(None, found))
     if known and set(known) <= set(found):  # and further joints
         return tuple(joint or name for joint, name in zip(found, own, strict=True))
-    numbered = [re.fullmatch(r"(.*?)([0-9]{1,3})\]?", name) for name in own]
+    in_order = ordered and numbers(own) == sorted(numbers(own)) and len(own) == len(known)
+    return tuple(known if in_order and numbers(own) else own)
+
+
+def numbers(names: Sequence[str]) -> list[int]:
+    """The numbers of names that differ in them alone, all from 0 or 1 on; else none."""
+    numbered = [re.fullmatch(r"(.*?)([0-9]{1,3})\]?", name) for name in names]
     stems = {match[1] for match in numbered if match}
-    numbers = [int(match[2]) for match in numbered if match]
-    first = min(numbers, default=2)
-    in_order = ordered and first < 2 and numbers == list(range(first, first + len(own)))
-    return tuple(known if in_order and len(stems) == 1 and len(own) == len(known) else own)
+    found = [int(match[2]) for match in numbered if match]
+    first = min(found, default=2)
+    whole = first < 2 and sorted(found) == list(range(first, first + len(names)))
+    return found if whole and len(stems) == 1 else []
+
+
+def _without_prefix(own: Sequence[str], by_name: Mapping[str, str]) -> list[str | None]:
+    """The known names that these end in, or that end in these, after one prefix of all of them.
+
+    There are none where several prefixes would do.
+    """
+    readings = set()
+    for name in own:
+        for known in by_name:
+            longer, shorter = max(name, known, key=len), min(name, known, key=len)
+            prefix = longer.removesuffix(shorter)
+            if prefix and longer.endswith(shorter) and prefix[-1] in "_-./":
+                readings.add((prefix, longer == name))
+    found = set()
+    for prefix, is_own in readings:
+        changed = [
+            by_name.get(name.removeprefix(prefix) if is_own else f"{prefix}{name}")
+            if name.startswith(prefix) or not is_own
+            else None
+            for name in own
+        ]
+        named = {name for name in changed if name}
+        if named == set(by_name.values()) or None not in changed:
+            found.add(tuple(changed))
+    return list(found.pop()) if len(found) == 1 else [None] * len(own)
 
 
 def _without_namespace(names: Sequence[str]) -> list[str]:

@@ -62,12 +62,12 @@ _BARE = "bare"  # a name alone, until all columns are known
 _ACTUAL = "actual"  # measured, where other columns say what was commanded
 _OTHER = (
     "efforts?|torques?|trq|tq|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status"
-    "|nano_?secs?|nsecs?"
+    r"|nano_?secs?|nsecs?|(?:episode_|frame_|task_|sample_|row_)?index(?=\W*$)|idx(?=\W*$)"
 )
 _KINDS = {  # words of a heading that say what a column is, looked for in this order
-    "accelerations": "accelerations?|acc|accel|qdd|ddq|qddot|q_ddot",
-    "velocities": "velocity|velocities|vel|speeds?|qd|dq|qdot|q_dot",
-    "positions": rf"positions?|pos|angles?|q(?!.*[_./ ](?:{_OTHER}))",
+    "accelerations": "accelerations?|acc|accel|qdd|ddq|qddot|q_ddot|qacc",
+    "velocities": "velocity|velocities|vel|speeds?|qd|dq|qdot|q_dot|qvel",
+    "positions": rf"positions?|pos|qpos|angles?|q(?!.*[_./ ](?:{_OTHER}))",
     "": _OTHER,
 }
 _PATTERNS = {
@@ -85,9 +85,11 @@ _NANO = re.compile("n(?:ano)?(?=secs?$)")
 _COMMANDED = _marker(
     "target|command(?:ed)?|cmd|desired|reference|setpoint|action", r"|(?<=q)_d(?=\[)"
 )
-_MEASURED = _marker(r"actual|measured|feedback|observation\.state|observation")
+_MEASURED = _marker(r"actual|measured|feedback|output|observation\.state|observation")
+_OUTPUT = _marker("output")
 _EPOCH_S = (978_307_200, 4_102_444_800)  # the years 2001 to 2100
 _LONG_STEP = 1.0  # a log's steps, s, are shorter: without a unit these may be milliseconds
+_LARGEST_RAD = 4 * np.pi  # two turns
 _SHOWN = 6  # columns in a note
 
 
@@ -133,7 +135,8 @@ def read(
     """
     text = files.text(path, "samples", "CSV")
     try:
-        return _samples(text, path.name, asked(unit), joint_units)
+        table = csv_file.parted(csv_file.table(text, commented=True))
+        return of_table(table, path.name, asked(unit), joint_units)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
     except csv.Error as error:
@@ -174,10 +177,20 @@ class _Column:
         return self.key if re.search("[A-Za-z]", self.key) else self.name
 
 
-def _samples(
-    text: str, name: str, wanted: Mapping[str, str], joint_units: Mapping[str, str]
+def of_table(
+    table: Table, name: str, wanted: Mapping[str, str], joint_units: Mapping[str, str]
 ) -> Samples:
-    table = csv_file.table(text, commented=True)
+    """Return the samples of a table of texts, as `read` does.
+
+    Args:
+        table: Headings and cells.
+        name: The file's name, for notes.
+        wanted: Units by "angle", "length" and "time", as `trajopt.core.units.asked` returns them.
+        joint_units: "rad" or "m" by the names of the robot's joints, where known.
+
+    Raises:
+        InvalidInput: Names the line, the column, the value, and what would be right.
+    """
     columns = _columns(table)
     try:
         time, joints = _chosen(columns)
@@ -186,7 +199,7 @@ def _samples(
             raise contradicted(time.unit, wanted["time"])
     except InvalidInput as error:
         right = error.expected
-        header = _header(columns, table, list(joint_units))
+        header = "" if table.cells else _header(columns, table, joint_units, wanted)
         if header:
             right += f"; {READABLE} of {name}: {header}"
         raise InvalidInput(error.key, right, value=error.value) from None
@@ -214,8 +227,11 @@ def _samples(
     notes = [f"times count from {start} {unit}"] if start else []
     others = (column for column in columns if column not in chosen)
     left_out = [column.name or f"column {column.index + 1}" for column in others]
-    if any(own.kind == _ACTUAL for own in columns):
-        notes.append("what was commanded is read, not what was measured")
+    dropped = [own.name for own in columns if own.kind == _ACTUAL]
+    if dropped:
+        sent = all(_OUTPUT.search(own) for own in dropped)
+        other = "what was sent to the hardware (output)" if sent else "what was measured"
+        notes.append(f"what was commanded is read, not {other}")
     if left_out:
         more = ", …" if len(left_out) > _SHOWN else ""
         notes.append(f"left out: {', '.join(left_out[:_SHOWN])}{more}")
@@ -307,6 +323,28 @@ def _commanded(columns: list[_Column]) -> list[_Column]:
             own = replace(own, name=name) if kept else replace(own, kind=_ACTUAL)
         found.append(own)
     return found
+
+
+FIELDS = {"positions": "position", "velocities": "velocity", "accelerations": "acceleration"}
+"""The word for each field in a heading."""
+
+
+def kind(name: str) -> str:
+    """Return what a heading without a unit says: a key of `FIELDS`, "time", "bare" or empty."""
+    return _column(0, name).kind
+
+
+def source(name: str) -> str:
+    """Return the start of a heading that says, as this one, what was commanded or measured."""
+    if _COMMANDED.search(name):
+        return "target_"
+    return "actual_" if _MEASURED.search(name) else ""
+
+
+def clock(name: str) -> str:
+    """Return the heading of times, with the unit that a name has at its end."""
+    time = _TIME_NAME.fullmatch(name)
+    return f"time [{time[1]}]" if time and time[1] else "time"
 
 
 def _column(index: int, cell: str) -> _Column:
@@ -410,15 +448,28 @@ def _units(
     return found
 
 
-def _header(columns: Sequence[_Column], table: Table, known: Sequence[str]) -> str:
+def _header(
+    columns: Sequence[_Column],
+    table: Table,
+    joint_units: Mapping[str, str],
+    wanted: Mapping[str, str],
+) -> str:
     """A header that is read, made of this one; empty where no other names make it a motion.
 
-    `known` are the robot's joints. What the header says stays: units, and names that are joints.
+    What the header says stays: units, and names that are joints. Where it says no unit, it is the
+    one that was asked for (`wanted`).
     """
+    known = list(joint_units)
+    angle = wanted.get("angle") or _likely_unit(columns, table)
+
+    def unit_of(joint: str) -> str:
+        slides = joint_units.get(joint) == "m"
+        return wanted.get("length", "m") if slides else angle
+
     rates = dict(zip(_FIELDS, _RATES, strict=True))
     times = [own for own in columns if own.kind == _TIME]
-    own_joints = [own for own in columns if own.kind == "positions"]
-    only_joints = any(table.headings) and len(own_joints) <= len(known)
+    first = known_as([own.joint for own in columns], known)[0]
+    only_joints = any(table.headings) and (len(columns) <= len(known) or first in known)
     if not times and (only_joints or not _rises(table)):
         return ""  # nothing has times
     clock = times[0] if times else columns[0]
@@ -439,17 +490,31 @@ def _header(columns: Sequence[_Column], table: Table, known: Sequence[str]) -> s
         if name and own.kind in ("", _ACTUAL):
             name += " [-]"  # an unknown unit: it is left out
         elif own.kind in rates and name in robots:
-            unit = f"{own.unit or 'rad'}{rates[own.kind][0]}"
+            unit = f"{own.unit or unit_of(robots[name])}{rates[own.kind][0]}"
             left_out = whole and robots[name] not in known
             name = f"{robots[name]} [{'-' if left_out else unit}]"
         cells.append(name)
     if not names:
-        cells[1:] = [f"{name} [rad]" for name in robots.values()]
-    if clock.unit:
+        cells[1:] = [f"{name} [{unit_of(name)}]" for name in robots.values()]
+    if "time" in wanted and not clock.unit:
+        cells[clock.index] = f"time [{wanted['time']}]"
+    elif clock.unit:
         cells[clock.index] = f"time [{clock.unit}]"
     elif not _nanoseconds(clock, columns):
         cells[clock.index] = _heading_of_times(table.numbers([clock.index])[:, 0])
     return ",".join(cells)
+
+
+def _likely_unit(columns: Sequence[_Column], table: Table) -> str:
+    """Return "deg" where nobody says a unit and positions are larger than an arm's radians."""
+    own = [column.index for column in columns if column.kind == "positions" and not column.unit]
+    if not own:
+        own = [column.index for column in columns if column.index and column.kind != _TIME]
+    try:
+        largest = np.abs(table.numbers(own)).max(initial=0.0) if own else 0.0
+    except InvalidInput:  # texts
+        return "rad"
+    return "deg" if largest > _LARGEST_RAD else "rad"
 
 
 def _rises(table: Table) -> bool:

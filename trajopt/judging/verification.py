@@ -7,7 +7,7 @@ computes its own worst use (`trajopt.core.limits`); this module names no kind of
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -254,6 +254,31 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     if certificate.dilation <= 1 or not problem.route.dilatable:
         return judged
     return judged.dilated(certificate.dilation)
+
+
+def hand_over(
+    problem: Problem, motion: Trajectory, state: Sequence[Array]
+) -> tuple[list[Worst], list[str]]:
+    """Return the jumps where a motion takes over from another one, and a flaw for each too large.
+
+    Args:
+        problem: Of the motion's joints; its limits say which derivatives may jump.
+        motion: The motion that takes over, at its time 0.
+        state: Position, velocity and acceleration of the motion before at that time, SI units.
+
+    Returns:
+        The largest jump of each of them, and sentences about those that `verify` would not repair.
+    """
+    allowed = _allowed(problem, motion.duration, Tolerance())
+    jumps, flaws = [], []
+    for order, (before, own) in enumerate(zip(state, allowed.jumps, strict=True)):
+        size = np.abs(motion(0.0, order) - before)
+        finite = np.where(np.isfinite(own), own, np.finfo(float).max)
+        worst, excess = _worst_of(size[None], finite, np.zeros(1), order)
+        jumps.append(worst)
+        if excess > 1:
+            flaws.append(_say(problem, worst, f"{_JUMP_WORDS[order][:-3]} at the hand-over by"))
+    return jumps, flaws
 
 
 def _counted(problem: Problem) -> Problem:
