@@ -141,7 +141,7 @@ def test_polynomials_may_say_the_lengths_that_breaks_round(tmp_path):
         ({"breaks": [0, float("nan")], "coefficients": [[[1]]]}, "NaN is no number of JSON"),
         ({"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": 3}, "joint_names is 3"),
         ({"breaks": [0, 1], "coefficients": [[[1]]], "unit": "deg"}, "unit is 'deg': expected"),
-        ({"breaks": [0, 1]}, "JointTrajectory"),
+        ({"breaks": [0, 1]}, "the arrays are breaks (2,)"),
     ],
 )
 def test_polynomials_that_do_not_fit_are_refused(tmp_path, table, said):
