@@ -460,12 +460,6 @@ def _header(
     one that was asked for (`wanted`).
     """
     known = list(joint_units)
-    angle = wanted.get("angle") or _likely_unit(columns, table)
-
-    def unit_of(joint: str) -> str:
-        slides = joint_units.get(joint) == "m"
-        return wanted.get("length", "m") if slides else angle
-
     rates = dict(zip(_FIELDS, _RATES, strict=True))
     times = [own for own in columns if own.kind == _TIME]
     first = known_as([own.joint for own in columns], known)[0]
@@ -475,6 +469,12 @@ def _header(
     clock = times[0] if times else columns[0]
     read = list(columns)
     read[clock.index] = replace(clock, kind=_TIME)
+    angle = wanted.get("angle") or _likely_unit(read, table)
+
+    def unit_of(joint: str) -> str:
+        slides = joint_units.get(joint) == "m"
+        return wanted.get("length", "m") if slides else angle
+
     positions = [own.joint for own in read if own.kind == "positions"]
     if len(set(positions)) < len(positions):
         return ""  # renaming is to invent a name
@@ -509,7 +509,7 @@ def _likely_unit(columns: Sequence[_Column], table: Table) -> str:
     """Return "deg" where nobody says a unit and positions are larger than an arm's radians."""
     own = [column.index for column in columns if column.kind == "positions" and not column.unit]
     if not own:
-        own = [column.index for column in columns if column.index and column.kind != _TIME]
+        own = [column.index for column in columns if column.kind != _TIME]
     try:
         largest = np.abs(table.numbers(own)).max(initial=0.0) if own else 0.0
     except InvalidInput:  # texts
