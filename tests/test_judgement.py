@@ -115,7 +115,7 @@ def test_the_optimum_has_no_gap_and_half_its_time_needs_twice_the_time():
     assert table["gap"] == pytest.approx(0, abs=1e-6)
     keys = "motion problem interpolation via_tolerance status duration claimed_duration"
     keys += " certified_duration feasible dilation gap waypoint_times flaws"
-    keys += " smoothness certificate evidence optimum_within_tolerance ends standing nearly"
+    keys += " smoothness certificate evidence optimum_within_tolerance ends standing jumps nearly"
     assert set(table) == set(keys.split())
 
 
@@ -177,7 +177,7 @@ def test_limits_alone_need_no_waypoints_not_even_where_it_ends_where_it_starts()
     assert fast.certificate.feasible
     assert fast.certificate.dilation == pytest.approx(0.5)
     keys = "motion interpolation duration feasible dilation certified_duration"
-    keys += " ends standing smoothness certificate evidence"
+    keys += " ends jumps standing smoothness certificate evidence"
     assert list(fast.as_dict()) == keys.split()
 
 

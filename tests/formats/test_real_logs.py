@@ -215,7 +215,7 @@ def test_numbered_columns_are_the_robots_joints_in_their_order(tmp_path):
     with pytest.raises(InvalidInput, match="expected the joints a, b, c"):
         found.for_joints(["a", "b", "c"])
     path.write_text("clock,A1,A2\n0,0,0\n1,9,1\n", encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r"log\.csv: time \[ms\],turn \[rad\],rail \[rad\]"):
+    with pytest.raises(InvalidInput, match=r"log\.csv: time \[ms\],turn \[deg\],rail \[deg\]"):
         motion(path, unit="deg", joint_units={"turn": "rad", "rail": "rad"})
     path.write_text("t,q0,q2\n0,0,0\n1,90,10\n", encoding="utf-8")
     with pytest.raises(InvalidInput, match="expected the joints turn, rail"):
@@ -327,7 +327,7 @@ def test_a_log_in_degrees_and_milliseconds_is_verified_and_judged(run, tmp_path)
     assert code == 2
     assert (
         "expected the unit of angles: --unit deg or --unit rad; rename the columns of log.csv: "
-        "time [ms],shoulder_pan_joint [rad],shoulder_lift_joint [rad]," in err
+        "time [ms],shoulder_pan_joint [deg],shoulder_lift_joint [deg]," in err
     )
     code, _, err = run("verify log.csv --robot ur5e --unit deg")
     assert (code, "times is 'steps of 100': expected a unit in the heading" in err) == (2, True)
