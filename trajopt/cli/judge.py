@@ -31,7 +31,7 @@ from trajopt.cli.parameters import (
     number,
 )
 from trajopt.cli.plan import check_target, print_durations, print_smoothness, print_worst
-from trajopt.formats.motion import WITH_UNITS
+from trajopt.formats.motion import ARRAYS, TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judgement import Execution, Judgement
 from trajopt.judging.ends import Standing
@@ -79,7 +79,7 @@ def judge(
     Args:
         output: Folder for the figure.
     """
-    if Path(problem).suffix not in ENDINGS and motion.suffix in WITH_UNITS:
+    if Path(problem).suffix not in ENDINGS and motion.suffix in (*TABLES, *ARRAYS):
         motion_unit = motion_unit or robot.unit
         robot = replace(robot, unit=None)
     asked.check_motion_unit(motion_unit, [motion], "--motion-unit")
