@@ -395,8 +395,9 @@ def _judged(
         else:
             from trajopt.judging.slower import slower  # late: it needs parts of SciPy
 
-            found = None
-            if "given_times" not in problem.demands:
+            if "given_times" in problem.demands:
+                found = _rounded_outwards(problem, judged, dilation)
+            else:
                 found = slower(problem, judged, lambda own: keeping(problem, own, unjudged))
             if found is None:
                 flaws.append(_not_slower(problem, uses))
@@ -414,6 +415,16 @@ def _judged(
         rounded=rounded,
     )
     return certificate, judged
+
+
+def _rounded_outwards(
+    problem: Problem, motion: Trajectory, dilation: float
+) -> tuple[float, Trajectory] | None:
+    """Return the dilation and the dilated motion, if its times are the given ones to rounding."""
+    if not problem.route.at_rest or not dilation <= 1 + GIVEN_RTOL:
+        return None
+    slower = motion.dilated(dilation)
+    return None if _other_times(problem, slower, 0.0) else (dilation, slower)
 
 
 def _missed_as_returned(

@@ -38,6 +38,7 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners import given_times
 
 
 class Relation(Enum):
@@ -226,6 +227,9 @@ class Planner(ABC):
         known = (own for key, own in problem.limits.kinds.items() if key in self.knows)
         reasons = (own.infeasible(problem) for own in known)
         reason = impossible(problem) or next(filter(None, reasons), None)
+        # what proves bounds says more: by how much
+        if reason is None and "given_times" in self.knows and not self.drops:
+            reason = given_times.impossible(problem)
         return None if reason is None else Solution(Status.INFEASIBLE, message=reason)
 
     def unknown(self, problem: Problem) -> list[str]:
