@@ -15,7 +15,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.judging.evidence import evidence, passing
 from trajopt.judging.log_joint import Log
 from trajopt.judging.tube import slope, tube
-from trajopt.judging.tube_proof import NO_READINGS, Readings, proved
+from trajopt.judging.tube_proof import proved
 
 FREE = (-np.inf, np.inf)
 LIMITS = [(-2.0, 2.0), (-10.0, 10.0), (-100.0, 100.0)]
@@ -61,16 +61,13 @@ def test_the_least_acceleration_through_a_tube_is_that_of_the_bang_bang_motion()
     assert found.high == pytest.approx(1, abs=1e-3)
 
 
-@pytest.mark.parametrize("known", [False, True], ids=["positions", "velocities"])
 @pytest.mark.parametrize("seed", range(4))
-def test_the_program_has_the_optimum_that_highs_finds(seed, known):
+def test_the_program_has_the_optimum_that_highs_finds(seed):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.8, 1.2, 25)) * 0.02
     q = np.cumsum(rng.normal(0, 1e-3, 25))
     half = np.full(25, 1e-4)
-    v, loose = np.gradient(q, t), np.full(25, 0.02)
-    readings = Readings(t, v, loose) if known else NO_READINGS
-    found = tube(t, q, half, LIMITS, rounds=1, readings=readings)
+    found = tube(t, q, half, LIMITS, rounds=1)
     knots = found.knots
     size = len(knots) - 4
     passing = BSpline.design_matrix(t, knots, 3).toarray()
@@ -78,10 +75,6 @@ def test_the_program_has_the_optimum_that_highs_finds(seed, known):
     for sign in (1, -1):
         rows.append(np.hstack([sign * passing, np.zeros((25, 1))]))
         right.append(half + sign * q)
-        if known:
-            rates = [BSpline(knots, row, 3)(t, nu=1) for row in np.eye(size)]
-            rows.append(np.column_stack([sign * np.array(rates).T, np.zeros(25)]))
-            right.append(loose + sign * v)
     for order, (_, high) in enumerate(LIMITS, start=1):
         level = np.array(
             [BSpline(knots, row, 3).derivative(order).c[: size - order] for row in np.eye(size)]
@@ -104,15 +97,12 @@ def test_no_numbers_prove_more_than_a_motion_uses(seed):
     rng = np.random.default_rng(seed)
     t, q = quintic(0.7, 60)
     true = max(1.875 * 0.7 / 2, 10 / np.sqrt(3) * 0.7 / 10, 60 * 0.7 / 100)
-    v = 0.7 * (30 * t**2 - 60 * t**3 + 30 * t**4)
-    readings = Readings(t, *rounded(v, 4)) if seed % 2 else NO_READINGS
-    proof = tube(t, *rounded(q, 4), LIMITS, readings=readings).proof
+    proof = tube(t, *rounded(q, 4), LIMITS).proof
     noise = rng.normal(0, 10.0 ** rng.uniform(-6, 1), len(proof.multipliers))
     forged = replace(
         proof,
         multipliers=proof.multipliers * (1 + noise) * 10.0 ** rng.uniform(-3, 3),
         derivatives=[(x, rng.normal(0, 1, len(x)) * np.abs(mu)) for x, mu in proof.derivatives],
-        of_readings=proof.of_readings * (1 + rng.normal(0, 0.1, len(proof.of_readings))),
     )
     assert proved(forged) <= true
     assert proved(replace(proof, limits=[FREE, *LIMITS[1:]])) <= true
@@ -134,37 +124,6 @@ def test_the_least_velocity_is_that_of_the_steepest_pair_of_samples(limit):
     share, start, end = slope(t, q, half, limit)
     assert share == pytest.approx(best)
     assert start < end
-
-
-def velocity(h, count=501):
-    t = np.linspace(0, 1, count)
-    return h * (30 * t**2 - 60 * t**3 + 30 * t**4)
-
-
-@pytest.mark.parametrize("decimals", [3, 4, 5])
-def test_velocities_tell_far_more_of_the_acceleration_than_positions(decimals):
-    t, q = quintic(0.6, 101)
-    alone = tube(t, *rounded(q, decimals), [FREE, (-10.0, 10.0)])
-    found = tube(
-        t,
-        *rounded(q, decimals),
-        [FREE, (-10.0, 10.0)],
-        readings=Readings(t, *rounded(velocity(0.6, 101), decimals)),
-    )
-    used = 10 / np.sqrt(3) * 0.6 / 10
-    assert alone.low <= found.low <= used * (1 + 1e-9)
-    assert used - found.low < (used - alone.low) / 3
-    read = found.spline()(t, nu=1)
-    assert np.abs(read - velocity(0.6, 101)).max() <= 10.0**-decimals
-
-
-def test_a_motion_that_does_not_rest_where_a_velocity_was_read_is_not_at_rest():
-    t, q = quintic(0.6)
-    part = slice(100, 400)
-    readings = Readings(t[part], *rounded(velocity(0.6)[part], 4))
-    resting = tube(t[part], *rounded(q[part], 2), LIMITS, rest=True, readings=readings)
-    assert resting.high == np.inf
-    assert tube(t[part], *rounded(q[part], 2), LIMITS, readings=readings).high < 1
 
 
 # --- several joints: the verdict ---

@@ -321,7 +321,8 @@ def numbers_differ(found: Evidence) -> str:
             if told.by_joint[proof.joint] != proof.at_least or told.at_least != largest:
                 return f"{told} {proof}"
     shares = [told.at_least for told in found.limits.values()]
-    if (max(shares) > 1) != bool(found.convictions) and found.verdict != "cannot be told":
+    by_one = any(proof.limit for proof in found.convictions)  # not by all limits together
+    if (max(shares) > 1) != by_one and found.verdict != "cannot be told":
         return f"{found.verdict} {shares}"
     table = found.as_dict()
     for name, told in found.limits.items():

@@ -29,9 +29,9 @@ from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import log_windows, tube_proof
 from trajopt.judging.log_joint import RATES, Joint, Log, joined, joints_of, premise_of
+from trajopt.judging.log_velocities import NO_READINGS
 from trajopt.judging.lost_rows import Lost, lost_rows
 from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer
-from trajopt.judging.tube_proof import NO_READINGS
 
 Verdict = Literal["broken", "kept", "cannot be told"]
 

@@ -23,10 +23,11 @@ from trajopt.core.limits import Limit as OtherLimit
 from trajopt.core.limits import LimitName, Limits
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import log_velocities, log_windows, premise
+from trajopt.judging.log_velocities import NO_READINGS, Readings
 from trajopt.judging.log_windows import WindowBound
 from trajopt.judging.premise import LEAST_HALF, Premise
 from trajopt.judging.tube import Rates, TubeAnswer, slope, tube
-from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings
+from trajopt.judging.tube_proof import Limit
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

@@ -8,13 +8,32 @@ with what the positions move over short and long windows, and are not late: thes
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from trajopt.core.arrays import Array
 from trajopt.judging.premise import Premise, measured
 from trajopt.judging.scatter import differences
-from trajopt.judging.tube_proof import Limit, Readings
+from trajopt.judging.tube_proof import Limit
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Logged velocities with half widths, `(readings,)` each.
+
+    Attributes:
+        times: s.
+        values: rad/s.
+        half: Positive, rad/s.
+    """
+
+    times: Array
+    values: Array
+    half: Array
+
+
+NO_READINGS = Readings(np.zeros(0), np.zeros(0), np.zeros(0))
 
 _OWN_SHARE = 0.98  # of the rows in motion that are differences of the positions
 _COARSE = 0.05  # digits that are this share of a velocity show no difference from anything

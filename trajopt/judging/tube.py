@@ -5,8 +5,7 @@ degree r, the order of the highest limit. A linear program chooses its B-spline 
 
     min s   with   |q(t_i) − q_i| ≤ d_i,   s low_k ≤ each coefficient of q⁽ᵏ⁾ ≤ s high_k
 
-Logged velocities are further conditions |q′(y_l) − v_l| ≤ e_l. Velocity limits may depend on the
-time; a coefficient's limit is then that at its Greville point.
+Velocity limits may depend on the time; a coefficient's limit is then that at its Greville point.
 
 A derivative stays within the range of its coefficients. Those of the two highest derivatives are
 values at knots. So the spline is a motion that uses the share `high` = s of its limits. The
@@ -25,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trajopt.core.arrays import Array, Bools
-from trajopt.judging.tube_proof import NO_READINGS, Limit, Readings, TubeProof, bound
+from trajopt.judging.tube_proof import Limit, TubeProof, bound
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -90,7 +89,6 @@ def tube(
     *,
     rest: bool = False,
     rounds: int = _MAX_ROUNDS,
-    readings: Readings = NO_READINGS,
     rates: Rates | None = None,
 ) -> TubeAnswer:
     """Return the smallest share of the limits that a motion within the tube uses.
@@ -104,19 +102,9 @@ def tube(
         rest: Whether derivatives below order r are zero at both ends.
         rounds: Largest number of rounds of adding knots. They end when `low` and `high` are on the
             same side of 1, or equal.
-        readings: Logged velocities.
         rates: Velocity limits that depend on the time.
     """
-    at_ends = np.isin(readings.times, times[[0, -1]])
-    if rest and at_ends.any():
-        ends = readings.of(at_ends)
-        inner = readings.of(~at_ends)
-        found = tube(
-            times, positions, half, limits, rest=True, rounds=rounds, readings=inner, rates=rates
-        )
-        moving = (np.abs(ends.values) > ends.half).any()
-        return replace(found, high=np.inf) if moving else found
-    program = _Program(times, positions, half, limits, rest, readings, rates)
+    program = _Program(times, positions, half, limits, rest, rates)
     knots = _resolved(program)
     nearest = _NEAREST_SHARE * float(np.diff(times).min())
     best: TubeAnswer | None = None
@@ -148,7 +136,6 @@ class _Program:
     half: Array
     limits: Sequence[Limit]
     rest: bool
-    readings: Readings
     rates: Rates | None
 
     def bounds(self, order: int, points: Array) -> tuple[Array, Array]:
@@ -195,17 +182,15 @@ def _resolved(program: _Program) -> Array:
     """Return the first knots: at samples, but no closer than the tube's width resolves.
 
     Where samples are far apart there are knots in the middle too, if acceleration is the highest
-    limit or velocities were logged.
+    limit.
     """
-    times, readings, limits = program.times, program.readings, program.limits
+    times, limits = program.times, program.limits
     r = len(limits)
     size = min(-limits[-1][0], limits[-1][1])
     apart = float((np.median(program.half) / size) ** (1 / r) / 3)
-    if len(readings.times):
-        apart = min(apart, float((np.median(readings.half) / size) ** (1 / (r - 1)) / 3))
     step = float(np.median(np.diff(times)))
     if apart < 2 * step and len(times) > 2 * r:
-        if apart >= step or (r == 3 and not len(readings.times)):
+        if apart >= step or r == 3:
             return times
         return np.sort(np.concatenate([times, (times[1:] + times[:-1]) / 2]))
     kept = [times[0]]
@@ -222,17 +207,14 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_array, vstack
 
-    times, half, limits, readings = program.times, program.half, program.limits, program.readings
-    r, samples = len(limits), len(times)
+    times, half, limits = program.times, program.half, program.limits
+    r = len(limits)
     knots = np.concatenate([[breaks[0]] * r, breaks, [breaks[-1]] * r])
     base = program.positions.mean()
     local = program.positions - base
     levels = _levels(knots, r)
     blocks = [csr_array(BSpline.design_matrix(times, knots, r)) * (1 / half)[:, None]]
-    if len(readings.times):
-        rates = csr_array(BSpline.design_matrix(readings.times, knots[1:-1], r - 1))
-        blocks.append(csr_array(rates @ levels[0][0]) * (1 / readings.half)[:, None])
-    known = np.concatenate([local / half, readings.values / readings.half])
+    known = local / half
     count = len(known)
     up, down = [np.zeros(count)], [np.zeros(count)]
     used = [order for order, (_, high) in enumerate(limits, start=1) if np.isfinite(high)]
@@ -281,11 +263,9 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
         times,
         local,
         half,
-        y[:samples] / half,
+        y[:count] / half,
         derivatives,
         np.zeros(0),
-        readings,
-        y[samples:count] / readings.half,
         bounds[1] if program.rates else None,
     )
     low, proof = _best_proof(whole)
@@ -298,13 +278,9 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
     The part has smaller rounding errors.
     """
     best: tuple[float, TubeProof | None] = (0.0, None)
-    readings = whole.readings
-    known = np.concatenate([whole.times, readings.times])
-    weight = np.abs(
-        np.concatenate([whole.multipliers * whole.half, whole.of_readings * readings.half])
-    )
+    weight = np.abs(whole.multipliers * whole.half)
     for share in _SUPPORT_SHARES:
-        large = known[weight > share * weight.max()]
+        large = whole.times[weight > share * weight.max()]
         if len(large) <= len(whole.limits):
             continue
         first = int(np.searchsorted(whole.times, large.min())) - 1
@@ -320,7 +296,6 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
             own_part = inside(points)
             derivatives.append((points[own_part], values[own_part]))
         of_velocity = inside(whole.derivatives[0][0])
-        read = inside(readings.times)
         own = replace(
             whole,
             times=times,
@@ -328,8 +303,6 @@ def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
             half=whole.half[part],
             multipliers=whole.multipliers[part],
             derivatives=derivatives,
-            readings=readings.of(read),
-            of_readings=whole.of_readings[read],
             velocity=whole.velocity
             and (
                 whole.velocity[0][of_velocity],

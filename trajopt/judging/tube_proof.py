@@ -1,64 +1,40 @@
 """Proofs that every motion within a tube uses at least some share of its limits.
 
-One joint is known to be within `d_i` of `q_i` at the times `t_i`, and its velocity perhaps within
-`e_l` of `v_l` at the times `y_l`. Its derivatives of order 1 … r have limits `[low_k, high_k]`;
-those of the velocity may depend on the time. Any numbers `λ_i` of samples, `ν_l` of velocities and
-`μ_kj` of the k-th derivative at times `x_kj`, k < r, prove a bound. Let
+One joint is known to be within `d_i` of `q_i` at the times `t_i`. Its derivatives of order 1 … r
+have limits `[low_k, high_k]`; those of the velocity may depend on the time. Any numbers `λ_i` of
+samples and `μ_kj` of the k-th derivative at times `x_kj`, k < r, prove a bound. Let
 
-    g(x) = −Σ_i λ_i (t_i − x)₊^(r−1) / (r−1)! − Σ_l ν_l (y_l − x)₊^(r−2) / (r−2)!
-           − Σ_kj μ_kj (x_kj − x)₊^(r−1−k) / (r−1−k)!                                        (1)
+    g(x) = −Σ_i λ_i (t_i − x)₊^(r−1) / (r−1)! − Σ_kj μ_kj (x_kj − x)₊^(r−1−k) / (r−1−k)!     (1)
 
-If no polynomial of degree below r contributes to `Σ λ_i q(t_i) + Σ ν_l q′(y_l) +
-Σ μ_kj q⁽ᵏ⁾(x_kj)`, Taylor's formula gives, for every motion q,
+If no polynomial of degree below r contributes to `Σ λ_i q(t_i) + Σ μ_kj q⁽ᵏ⁾(x_kj)`, Taylor's
+formula gives, for every motion q,
 
-    −Σ λ_i q(t_i) − Σ ν_l q′(y_l) = Σ μ_kj q⁽ᵏ⁾(x_kj) + ∫ g q⁽ʳ⁾ dx                           (2)
+    −Σ λ_i q(t_i) = Σ μ_kj q⁽ᵏ⁾(x_kj) + ∫ g q⁽ʳ⁾ dx                                          (2)
 
 A motion that uses the share s of its limits makes the right side at most s times the cost
 
     Σ max(high_k μ_kj, low_k μ_kj) + ∫ max(high_r g, low_r g) dx                              (3)
 
-and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i − Σ ν_l v_l − Σ |ν_l| e_l`. So s
-is at least gain / cost. If that is above 1, no motion keeps the limits. The proof does not depend
-on how the numbers were found.
+and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i`. So s is at least gain / cost. If
+that is above 1, no motion keeps the limits. The proof does not depend on how the numbers were
+found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import factorial
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array
 
 Limit = tuple[float, float]
 """Low and high; infinite where a derivative has no limit."""
 
 _LOST_SHARE = 1e-7  # share of a piece's area: a root that changes it by less gets no break
-
-
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """Logged velocities with half widths, `(readings,)` each.
-
-    Attributes:
-        times: s.
-        values: rad/s.
-        half: Positive, rad/s.
-    """
-
-    times: Array
-    values: Array
-    half: Array
-
-    def of(self, index: Bools) -> Readings:
-        """Return some of them, by a mask."""
-        return Readings(self.times[index], self.values[index], self.half[index])
-
-
-NO_READINGS = Readings(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +49,6 @@ class TubeProof:
         multipliers: `λ_i`, `(samples,)`.
         derivatives: For each order below r the times `x_kj` and the numbers `μ_kj`.
         roots: Times at which g changes its sign within a piece.
-        readings: `y_l`, `v_l` and `e_l`.
-        of_readings: `ν_l`, `(readings,)`.
         velocity: Velocity limits at the times `x_1j`, low and high; by default those of `limits`.
     """
 
@@ -85,8 +59,6 @@ class TubeProof:
     multipliers: Array
     derivatives: Sequence[tuple[Array, Array]]
     roots: Array
-    readings: Readings = NO_READINGS
-    of_readings: Array = field(default_factory=lambda: np.zeros(0))
     velocity: tuple[Array, Array] | None = None
 
     def bounds(self, order: int) -> tuple[Array, Array]:
@@ -110,11 +82,7 @@ def proved(proof: TubeProof) -> Fraction:
     # Jumps of the derivatives r−1, r−2, … of g at each time, from the last time to the first.
     events: dict[Fraction, list[Fraction]] = {}
     own = [(_exact(points), _exact(values)) for points, values in proof.derivatives]
-    readings = proof.readings
-    y, v, e, of_readings = map(
-        _exact, (readings.times, readings.values, readings.half, proof.of_readings)
-    )
-    conditions = [(0, t, multipliers), (1, y, of_readings)]
+    conditions = [(0, t, multipliers)]
     conditions += [(order, *pair) for order, pair in enumerate(own, start=1)]
     for order, points, values in conditions:
         for x, value in zip(points, values, strict=True):
@@ -137,8 +105,7 @@ def proved(proof: TubeProof) -> Fraction:
         cost += h * sum(max(high * c, low * c) for c in corners) / 3
         g = [end, g[1] + h * g[2], g[2]]
     gain = zero
-    known = [*zip(multipliers, q, d, strict=True), *zip(of_readings, v, e, strict=True)]
-    for multiplier, value, width in known:
+    for multiplier, value, width in zip(multipliers, q, d, strict=True):
         gain -= multiplier * value + abs(multiplier) * width
     # The rest of g before the first time multiplies the motion's derivatives there.
     gain -= abs(g[r - 1]) * (abs(q[0]) + d[0])
@@ -172,11 +139,10 @@ def bound(proof: TubeProof) -> tuple[float, TubeProof]:
         multipliers = _mended(proof)
     except np.linalg.LinAlgError:  # times that differ by more digits than floats have
         return 0.0, proof
-    readings = proof.readings
-    counts = [len(proof.times), *(len(x) for x, _ in proof.derivatives), len(readings.times)]
-    when = np.concatenate([proof.times, *(x for x, _ in proof.derivatives), readings.times])
-    size = np.concatenate([multipliers, *(mu for _, mu in proof.derivatives), proof.of_readings])
-    order = np.repeat([*range(r), 1], counts)
+    counts = [len(proof.times), *(len(x) for x, _ in proof.derivatives)]
+    when = np.concatenate([proof.times, *(x for x, _ in proof.derivatives)])
+    size = np.concatenate([multipliers, *(mu for _, mu in proof.derivatives)])
+    order = np.repeat(range(r), counts)
     latest = np.argsort(-when, kind="stable")
     when, size, order = when[latest], size[latest], order[latest]
     jumps = np.zeros((3, len(when)))
@@ -191,8 +157,6 @@ def bound(proof: TubeProof) -> tuple[float, TubeProof]:
             low, high = proof.bounds(number)
             cost += float(np.maximum(high * values, low * values).sum())
     gain = -float((multipliers * proof.positions + np.abs(multipliers) * proof.half).sum())
-    known = proof.of_readings * readings.values + np.abs(proof.of_readings) * readings.half
-    gain -= float(known.sum())
     mended = replace(proof, multipliers=multipliers, roots=roots)
     return (gain / cost if cost > 0 else 0.0), mended
 
@@ -210,10 +174,7 @@ def _mended(proof: TubeProof) -> Array:
     wrong = np.zeros(r)
     for power in range(r):
         wrong[power] = (proof.multipliers * at**power).sum()
-        of_velocities = (proof.readings.times, proof.of_readings)
-        derivatives = [(1, *of_velocities)]
-        derivatives += [(order, *own) for order, own in enumerate(proof.derivatives, start=1)]
-        for order, points, values in derivatives:
+        for order, (points, values) in enumerate(proof.derivatives, start=1):
             if power >= order:
                 factor = factorial(power) / factorial(power - order) / unit**order
                 scaled = ((points - centre) / unit) ** (power - order)
