@@ -32,6 +32,7 @@ def line(label, low=nan, q1=nan, median=nan, q3=nan, high=nan, **others):
         "kind": "exact",
         "reference": 1.5,
         "lower_bound": nan,
+        "dilation": nan,
         "runs": 1,
         "solved": 1,
         "status": "solved",

@@ -35,7 +35,7 @@ from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
-from trajopt.views.figures.style import KNOWN, SPOKEN, headline
+from trajopt.views.figures.style import KNOWN, SPOKEN, headline, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -246,7 +246,7 @@ def _pictures(
     results = Tables(trials)
     yield "durations", partial(plots.durations, results.lines(), title)
     yield from _overlay(trials, order)
-    yield from _motions(trials, every_motion=every_motion)
+    yield from _motions(trials, order, every_motion=every_motion)
     if curves := _convergence(trials):
         best = histories(trials).best
         known = best if np.isfinite(best) else None
@@ -271,9 +271,12 @@ def _convergence(trials: Sequence[Trial]) -> dict[str, tuple[Array, Array]]:
     return curves
 
 
-def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture]:
-    """Yield a figure per planner, the optimum behind all but its own."""
+def _motions(
+    trials: Sequence[Trial], order: Sequence[str], *, every_motion: bool
+) -> Iterator[Picture]:
+    """Yield a figure per planner, the optimum on top of all but its own."""
     from trajopt.views.figures import motions
+    from trajopt.views.figures.plots import planner_look
 
     medians = _medians(trials)
     labels = [trial.label for trial in medians]
@@ -290,6 +293,8 @@ def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture
             None if trial.planner in REFERENCES else optimum,
             title=_title(trial, trials),
             reference_name=optimum_name,
+            own_name=text(trial.label),
+            colour=planner_look(trial.label, order)["color"],
         )
         yield f"motion-{names[trial.label]}", picture
 

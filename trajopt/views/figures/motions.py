@@ -16,11 +16,11 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures.plots import Look, Picture, styled
 from trajopt.views.figures.sampling import curve
-from trajopt.views.figures.style import BLACK, BLUE, GREY, QUANTITIES, VERMILION, text
+from trajopt.views.figures.style import BLACK, BLUE, QUANTITIES, headline, text
 
-_LIMIT: Look = {"color": VERMILION, "ls": (0, (4, 2)), "lw": 0.8}
-_MOTION: Look = {"color": BLUE, "lw": 1.1}
-_REFERENCE: Look = {"color": GREY, "lw": 1.8}
+_LIMIT: Look = {"color": "0.35", "ls": (0, (4, 2)), "lw": 0.8}
+_MOTION: Look = {"lw": 1.8}
+_REFERENCE: Look = {"color": BLUE, "lw": 0.9, "zorder": 2.5}  # on top of the motion
 _PASSING: Look = {"color": "0.6", "lw": 0.4}
 _WAYPOINT: Look = {"marker": "o", "mfc": "white", "mec": BLACK, "mew": 0.8, "zorder": 3}
 
@@ -44,26 +44,30 @@ def motion(
     title: str = "",
     reference_name: str = "exact optimum",
     own_name: str = "planner",
+    colour: str = BLUE,
 ) -> Figure:
     """Draw every joint against time, with its limits and waypoints.
 
-    A row is a joint, a column a quantity: position, velocity, acceleration, and jerk if limited.
+    A row is a joint that moves, a column a quantity: position, velocity, acceleration, and jerk if
+    limited. The joints that rest are named in the title.
 
     Args:
         problem: has the limits and waypoints.
-        trajectory: drawn in blue.
-        reference: drawn behind it in grey.
+        trajectory: drawn in `colour`, which is its planner's.
+        reference: drawn on top of it, thin, in the colour of references.
         title: stands over the figure.
         reference_name: names the reference in the legend.
         own_name: names the trajectory in the legend.
+        colour: of the trajectory.
     """
+    joints = _moving(problem, trajectory)
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
     passing = trajectory.waypoint_times
-    figure, grid = _grid(problem.joints, len(quantities))
-    looks = {own_name: _MOTION}
+    figure, grid = _grid(len(joints), len(quantities))
+    looks = {own_name: _MOTION | {"color": colour}}
     end = trajectory.duration
     if reference:
-        looks = {reference_name: _REFERENCE} | looks
+        looks |= {reference_name: _REFERENCE}
         end = max(end, reference.duration)
     edges: dict[tuple[int, int], Array] = {}
     times_of_edges = np.linspace(0.0, trajectory.duration, EDGE_SAMPLES)
@@ -73,15 +77,18 @@ def motion(
         limits = getattr(problem.limits, quantity)
         lines = [curve(trajectory, order)]
         if reference:
-            lines.insert(0, curve(reference, order))
+            lines.append(curve(reference, order))
         column = grid[:, order]
-        for joint, axes in enumerate(column):
+        for joint, axes in zip(joints, column, strict=True):
             _limits(axes, limits[..., joint, :], passing)
             for edge in edges.get((order, joint), ()):
                 within = np.clip(edge, limits[joint].min(), limits[joint].max())
                 axes.plot(times_of_edges, within, **_LIMIT)
             for (times, values), look in zip(lines, looks.values(), strict=True):
                 axes.plot(times, values[:, joint], **look)
+            if order == 0:
+                waypoints = problem.waypoints[:, joint]
+                axes.plot(passing, waypoints, ls="", clip_on=False, **_WAYPOINT)
             _fit(axes)
             for time in passing[1:-1]:
                 axes.axvline(time, **_PASSING)
@@ -89,16 +96,23 @@ def motion(
         column[0].set_title(f"{quantity} ({unit})")
         column[-1].set_xlabel("time (s)")
         column[-1].set_xlim(0, end)
-    for joint, axes in enumerate(grid[:, 0]):
-        waypoints = problem.waypoints[:, joint]
-        axes.plot(passing, waypoints, ls="", clip_on=False, **_WAYPOINT)
+    for joint, axes in zip(joints, grid[:, 0], strict=True):
         label = _label(problem, joint)
         axes.set_ylabel(text(label), fontsize=6 if len(label) > LONG_LABEL else 8)
     figure.align_ylabels(grid[:, 0])
     looks["limit"] = _LIMIT
     looks["waypoint"] = _PASSING | _WAYPOINT
-    _caption(figure, title, looks)
+    resting = [problem.joint_labels[own] for own in range(problem.joints) if own not in joints]
+    rests = f"; at rest: {', '.join(resting)}" if resting else ""
+    _caption(figure, headline(title, rests), looks)
     return figure
+
+
+def _moving(problem: Problem, trajectory: Trajectory) -> list[int]:
+    """Return the joints that move, or that should; all of them where none does."""
+    values = trajectory.pieces(1)
+    moves = (np.abs(values).max(axis=(0, 1)) > 0) | (np.ptp(problem.waypoints, axis=0) > 0)
+    return [int(joint) for joint in np.flatnonzero(moves)] or list(range(problem.joints))
 
 
 def _caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:

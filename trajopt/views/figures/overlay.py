@@ -26,6 +26,7 @@ EQUAL_RTOL = 1e-3  # durations closer than this are said to be equal
 LABEL_SHIFT = 0.4  # share of a label's width by which it may stand right of its motion's end
 FONT_PT = 9.5
 TITLE_CHARACTERS = 66  # as many as surely fit the figure's width
+CUT_OFF = 5.0  # times the shortest duration; what a slower motion does later is not shown
 FULL = 105.0  # %, of the axis of used limits
 
 
@@ -66,9 +67,12 @@ def overlay(
     labels = [motion.planner for motion in motions]
     known = [*order, *(label for label in labels if label not in order)]
     ends = []
-    for motion in motions:
+    durations = [motion.trajectory.duration for motion in motions]
+    shown_until = min(max(durations), CUT_OFF * min(durations))
+    for place, motion in enumerate(motions):
         colour = planner_look(motion.planner, known)["color"]
-        look: Look = {"color": colour, "lw": 2.0}
+        on_top = place == 0
+        look: Look = {"color": colour, "lw": 1.2 if on_top else 2.4, "zorder": 2.5 if on_top else 2}
         trajectory = motion.trajectory
         times, positions = curve(trajectory, 0)
         upper.plot(times, scale * positions[:, joint], **look)
@@ -76,11 +80,11 @@ def overlay(
         places = scale * problem.waypoints[:, joint]
         upper.plot(passed, places, "o", mec=colour, mfc="white", ms=5, mew=1.2, zorder=3)
         times, use = highest_use(problem, trajectory)
-        lower.plot(times, 100 * use, color=colour, lw=1.4)
-        said = f"{text(motion.name)}\n{trajectory.duration:.2f} s"
-        ends.append((trajectory.duration, float(places[-1]), said, colour))
-    longest = max(motion.trajectory.duration for motion in motions)
-    upper.set_xlim(-0.02 * longest, 1.12 * longest)
+        lower.plot(times, 100 * use, **look | {"lw": 1.0 if on_top else 1.8})
+        beyond = " →" if trajectory.duration > shown_until else ""
+        said = f"{text(motion.name)}\n{trajectory.duration:.2f} s{beyond}"
+        ends.append((min(trajectory.duration, shown_until), float(places[-1]), said, colour))
+    upper.set_xlim(-0.02 * shown_until, 1.12 * shown_until)
     _name_ends(upper, ends)
     unit = "deg" if angular else problem.unit(joint)
     upper.set_ylabel(f"{problem.joint_labels[joint]} ({unit})")

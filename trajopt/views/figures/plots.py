@@ -158,6 +158,7 @@ def _row_label(row: Line) -> str:
 
 
 _SPREAD = "median, quartiles and range of several runs"
+_SLOWED = "slowed down to keep the limits"
 
 
 def _dots(axes: Axes, rows: Sequence[Line]) -> None:
@@ -171,15 +172,21 @@ def _dots(axes: Axes, rows: Sequence[Line]) -> None:
         if several:
             axes.hlines(y, row.min, row.max, color=colour, lw=0.9, zorder=2)
             axes.hlines(y, row.q1, row.q3, color=colour, lw=3.5, zorder=2)
-        axes.plot(row.median, y, planner_mark(row.label, order), **_dot(colour, several))
-    for said, several in (("one run", False), (_SPREAD, True)):
-        if any((row.runs > 1) is several for row in rows):
-            axes.plot([], [], "o", label=said, **_dot(BLACK, several))
+        axes.plot(row.median, y, planner_mark(row.label, order), **_dot(colour, _is_slowed(row)))
+    if any(row.runs > 1 for row in rows):
+        axes.plot([], [], "o", label=_SPREAD, **_dot(BLACK, False))
+    if any(map(_is_slowed, rows)):
+        axes.plot([], [], "o", label=_SLOWED, **_dot(BLACK, True))
 
 
-def _dot(colour: str, several: bool) -> Look:
-    """Return the look of a median: hollow where it is of several runs."""
-    return {"ms": 4.5, "mec": colour, "mfc": "white" if several else colour}
+def _is_slowed(row: Line) -> bool:
+    """Return whether some run breaks a limit as claimed, by more than rounding."""
+    return bool(row.dilation >= 1 + table_cells.ROUNDING)
+
+
+def _dot(colour: str, slowed: bool) -> Look:
+    """Return the look of a median: hollow where the motion is slowed down to keep the limits."""
+    return {"ms": 4.5, "mec": colour, "mfc": "white" if slowed else colour}
 
 
 def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:

@@ -26,12 +26,17 @@ CURVES = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK, SKY)
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
-# Planners with a look of their own, by its place.
+# Planners with a look of their own, by its place. A column is a kind of planner and a colour of
+# `CURVES`: references, swarms, timing of a path, Ruckig, splines, users' own (the first of them),
+# other optimisers. Marks and dashes differ within a column.
 KNOWN = (
-    *("exact", "issa", "toppra", "ruckig-stop", "pso", "spline353-nlp", "ssa"),
-    *("unoptimised", "ruckig-search", "exact-jerk", "collocation", "prove", "cmaes", "de"),
-    *("collocation-refined", "spline", "copp", "drake-kto", "minsnap", "totg", "gcs"),
+    *("exact", "issa", "toppra", "ruckig-stop", "spline353-nlp", "", "collocation"),
+    *("exact-jerk", "pso", "copp", "ruckig-search", "spline", "", "drake-kto"),
+    *("collocation-refined", "ssa", "totg", "", "unoptimised", "", "gcs"),
+    *("prove", "cmaes", "", "", "minsnap", "", ""),
+    *("best-known", "de", "", "", "smooth", "", ""),
 )
+_OWN_FIRST = CURVES.index(BLACK)
 
 # Names for readers who do not know this toolkit's.
 SPOKEN = {
@@ -90,7 +95,7 @@ def places(labels: Iterable[str]) -> dict[str, int]:
             found[label] = place
             taken.add(place)
     colours = {place % len(CURVES) for place in taken}
-    first = range(len(KNOWN), len(KNOWN) + len(CURVES))
+    first = [len(KNOWN) + (_OWN_FIRST + i) % len(CURVES) for i in range(len(CURVES))]
     fresh = [place for place in first if place % len(CURVES) not in colours]
     rest = (place for place in count(len(KNOWN)) if place not in fresh)
     free = chain(fresh, rest)
