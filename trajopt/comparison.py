@@ -26,14 +26,14 @@ from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.run.tasks import Allowance, missing, tasks_of
 from trajopt.benchmark.store import unfinished
-from trajopt.benchmark.store.folder import Store
+from trajopt.benchmark.store.folder import Seen, Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, now
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
-from trajopt.views.analysis.gap_reference import durations
-from trajopt.views.analysis.versions import Kept, newest
+from trajopt.views.analysis.gap_reference import best
+from trajopt.views.analysis.versions import Kept, last_versions
 from trajopt.views.results import Results
 
 TIMEOUT = 600.0  # s, of a trial
@@ -113,12 +113,13 @@ def compare(
     solved = [] if fresh_reference else _solved(loaded)
     tasks = tasks_of(loaded, [ask(planner) for planner in planners], seeds, ask, solved)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
-    seen = store.seen()
+    seen = store.seen(asked)
     stored = seen.trials.values()
     ended = {t.id for t in stored if not t.runs_again or allowed.would_stop(t)}
     done = set() if fresh else asked & ended
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
+    trusted = executor is None and allowed.jobs > 0  # judges of this run, which no planner sees
     report = reporter(progress)
     report(Progress(len(asked), finished, len(done)))
     entrants = {own: task.profile.entrant.label for task in waiting for own in task.ids.values()}
@@ -127,15 +128,13 @@ def compare(
     with closing(runner.run(waiting, store, allowed, executor)) as run:
         for task, written in run:
             finished += len(task.seeds)
-            seen.add(written)
+            seen.add(written, trusted=trusted)
             report(Progress(len(asked), finished, len(done)))
     unfinished.end(store.folder)
-    seen.judge_trials(trusted=executor is None and allowed.jobs > 0)
-    if waiting or not store.is_current():
-        store.restore(seen)
-        store.consolidate(seen, durations)
+    store.restore(seen)
+    store.consolidate(seen, best)
     own = [seen.trials[trial_id] for trial_id in sorted(asked & seen.trials.keys())]
-    trials = _marked(store, own, seen.trials.values())
+    trials = _marked(store, seen, own)
     _warn_of_histories(trials)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
@@ -155,15 +154,15 @@ def _warn_of_histories(trials: Sequence[Trial]) -> None:
         warnings.warn(PlannerWarning(message), stacklevel=3)
 
 
-def _marked(store: Store, trials: Sequence[Trial], every: Iterable[Trial]) -> Sequence[Trial]:
+def _marked(store: Store, seen: Seen, trials: Sequence[Trial]) -> Sequence[Trial]:
     """Mark trials that would be hidden, since the folder holds a later version of their planner.
 
     The report shows the newest version of each planner: the version asked for last.
     """
-    shown = {trial.id for trial in newest(every).trials}
+    shown = {own.id for own in last_versions(seen.versions)[0]}
     marked = [replace(trial, asked=now()) for trial in trials if trial.id not in shown]
     if not marked:
         return trials
-    store.write_all(marked)
-    store.consolidate(references=durations)
+    seen.add(store.write_all(marked), trusted=True)
+    store.consolidate(seen, best)
     return [trial for trial in trials if trial.id in shown] + marked

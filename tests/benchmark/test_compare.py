@@ -234,18 +234,14 @@ def test_results_that_hold_every_trial_are_not_built_again(tmp_path):
     assert [trial.id for trial in again.items] == [trial.id for trial in first.items]
 
 
-@pytest.mark.parametrize("change", ["removed", "damaged", "older than a trial"])
+@pytest.mark.parametrize("change", ["removed", "damaged"])
 def test_results_that_may_not_hold_every_trial_are_built_again(tmp_path, change):
     run.compare([PROBLEM], FAST, tmp_path)
     results = tmp_path / "results.h5"
     if change == "removed":
         results.unlink()
-    elif change == "damaged":
-        results.write_bytes(results.read_bytes()[:-100])
     else:
-        younger = results.stat().st_mtime_ns + 1
-        (trial,) = (tmp_path / "trials").iterdir()
-        os.utime(trial, ns=(younger, younger))
+        results.write_bytes(results.read_bytes()[:-100])
     old = results.read_bytes() if results.exists() else b""
     inode = results.stat().st_ino if results.exists() else 0
     (trial,) = run.compare([PROBLEM], FAST, tmp_path).items

@@ -12,9 +12,7 @@ import json
 import re
 import tempfile
 import warnings
-import zlib
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,7 @@ from soaks import said
 from soaks.hostile_texts import changed, drawn
 from soaks.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
-from trajopt.benchmark.store.results_file import sealed as sealed_file
+from trajopt.benchmark.store.results_file import seal as seal_of
 from trajopt.benchmark.store.trial_text import seal, sealed
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import trials_of
@@ -167,49 +165,33 @@ def another_type(file: h5py.File, rng: Rng, secret: Path) -> None:
 
 def another_shape(file: h5py.File, rng: Rng, secret: Path) -> None:
     values = file["texts"][()]
-    changed = [
-        h5py.Empty("u1"),
-        values[:-1],
-        values[:0],
-        values[None],
-        np.concatenate([values, values]),
-        values[0],
-    ]
-    data = drawn(changed, rng)
-    chunked = isinstance(data, np.ndarray) and data.ndim == 1
-    _replaced(file, data=data, **(_CHUNKED if chunked else {}))
+    changed = [values[:0], values[None], np.concatenate([values, values]), values[0]]
+    _replaced(file, data=drawn(changed, rng), dtype=_TEXT)
 
 
-def huge_fill(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """Declare a dataset of a terabyte that the file does not hold."""
-    sizes = [1 << int(rng.integers(10, 28)), *_CHUNKED["chunks"]]
-    _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(drawn(sizes, rng),), compression=1)
+def huge(file: h5py.File, rng: Rng, secret: Path) -> None:
+    """Declare a column of 2^40 texts that the file does not hold."""
+    late = {"shape": (1 << 40,), "dtype": _TEXT}
+    kinds: list[dict[str, Any]] = [late, {**late, "chunks": (1 << int(rng.integers(10, 20)),)}]
+    kinds.append({**kinds[1], "fillvalue": "A" * 1000})
+    kinds.append({**kinds[1], "compression": 1})
+    _replaced(file, **drawn(kinds, rng))
 
 
-def bomb(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """Add half a gigabyte of one byte, compressed to half a megabyte, in valid chunks."""
-    (chunk,) = _CHUNKED["chunks"]
-    size = 2000 * chunk
-    _replaced(file, shape=(size,), dtype="u1", **_CHUNKED)
-    byte = drawn([b"\0", b" ", b"["], rng)
-    stored = zlib.compress(byte * chunk)
-    for start in range(0, size, chunk):
-        file["texts"].id.write_direct_chunk((start,), stored)
+def amplified(file: h5py.File, rng: Rng, secret: Path) -> None:
+    """Let a thousand rows be the same 20 MB of the file."""
+    long = drawn([b"x" * 20_000_000, sealed({"id": "0" * 20, "problem": "x" * 20_000_000})], rng)
+    _replaced(file, data=[long] + [b"x"] * 999, dtype=_TEXT)
+    place = file["texts"].id.get_offset()
+    file.flush()
+    with open(file.filename, "r+b") as stream:
+        stream.seek(place)
+        first = stream.read(16)
+        stream.seek(place)
+        stream.write(first * 1000)
 
 
-def inflating_chunk(file: h5py.File, rng: Rng, secret: Path) -> None:
-    """Add a chunk that inflates to 400 MB."""
-    _replaced(file, shape=(4,), dtype="u1", **_CHUNKED)
-    file["texts"].id.write_direct_chunk((0,), _deflated_zeros(400))
-
-
-@cache
-def _deflated_zeros(megabytes: int) -> bytes:
-    deflate = zlib.compressobj(1)
-    zeros = bytes(1 << 20)
-    blocks = [deflate.compress(zeros) for _ in range(megabytes)]
-    blocks.append(deflate.flush())
-    return b"".join(blocks)
+_TEXT = h5py.string_dtype()
 
 
 def elsewhere(file: h5py.File, rng: Rng, secret: Path) -> None:
@@ -233,9 +215,6 @@ def elsewhere(file: h5py.File, rng: Rng, secret: Path) -> None:
             file.create_virtual_dataset("texts", layout)
 
 
-# As the package has them.
-_CHUNKED: dict[str, Any] = {"chunks": (1 << 18,), "maxshape": (None,), "compression": 1}
-
 TEXT_CRAFTS: tuple[TextCraft, ...] = (
     odd_text,
     odd_json,
@@ -248,9 +227,8 @@ TEXT_CRAFTS: tuple[TextCraft, ...] = (
 FILE_CRAFTS: tuple[FileCraft, ...] = (
     another_type,
     another_shape,
-    huge_fill,
-    bomb,
-    inflating_chunk,
+    huge,
+    amplified,
     elsewhere,
     elsewhere,
     elsewhere,
@@ -271,9 +249,7 @@ def crafted(folder: Path, work: Path, craft: Craft, rng: Rng) -> Path:
         path = work / "trial.json"
         path.write_bytes(texts[place])
         return path
-    joined = b"".join(text + b"\0" for text in texts)
-    data = np.frombuffer(joined, np.uint8)
-    return _crafted_file(folder, work, lambda file, _: _replaced(file, data=data, **_CHUNKED))
+    return _crafted_file(folder, work, lambda file, _: _replaced(file, data=texts, dtype=_TEXT))
 
 
 def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], None]) -> Path:
@@ -282,10 +258,11 @@ def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], N
     with h5py.File(secret.with_suffix(".h5"), "w") as other:
         other["secret"] = np.frombuffer(SECRET.encode(), np.uint8)
     path = work / "results.h5"
-    path.write_bytes((folder / "results.h5").read_bytes())
+    path.write_bytes((folder / "results.h5").read_bytes()[: -len(seal_of(b""))])
     with h5py.File(path, "r+") as file:
         craft(file, secret)
-    path.write_bytes(sealed_file(path.read_bytes()))
+    content = path.read_bytes()
+    path.write_bytes(content + seal_of(content))
     return path
 
 

@@ -40,7 +40,7 @@ def test_the_child_tells_every_step_and_how_many_trials_are_kept(tmp_path):
     assert set(words) - {str(number) for number in range(23)} == set(kills.STEPS)
     assert words[-1] == "end"
     assert "22" in words
-    # each of 22 trials, results.h5 and the cache of verdicts is renamed into place once
+    # each of 22 trials and results.h5 is renamed into place once; what is unfinished is said before
     assert words.count("replace") == 24
 
 

@@ -192,6 +192,7 @@ def results(change: Callable[[dict[str, object]], None] | None) -> Callable[[Pat
 def forge(folder: Path, change: Callable[[dict[str, object]], None]) -> None:
     """Change what `exact`'s trial states, seal it, and make `results.h5` of it."""
     from trajopt.benchmark.store import results_file, trial_text
+    from trajopt.benchmark.store.folder import rebuilt
 
     texts = []
     for file in sorted((folder / "trials").glob("*.json")):
@@ -203,8 +204,8 @@ def forge(folder: Path, change: Callable[[dict[str, object]], None]) -> None:
             text = trial_text.sealed(table)
             file.write_bytes(text)
         texts.append(text)
-    trials = [trial_text.read(text) for text in texts]
-    (folder / "results.h5").write_bytes(results_file.content(trials, texts))
+    content = rebuilt(texts)
+    (folder / "results.h5").write_bytes(content + results_file.seal(content))
 
 
 def faster(table: dict[str, object]) -> None:

@@ -93,7 +93,7 @@ class Trial:
     @property
     def code(self) -> str:
         """Return the digest of the code that ran; in old trials, the package's version."""
-        return self.provenance.get("planner_digest") or self.provenance["mintime"]
+        return code_in(self.provenance)
 
     @property
     def runs_again(self) -> bool:
@@ -182,7 +182,7 @@ class Trial:
         trajectory = self.solution.trajectory
         if trajectory is None or self.certificate is None or not self.certificate.valid:
             return None
-        return self.certificate.motion or certified(self.problem, trajectory)
+        return self.certificate.certified_motion or certified(self.problem, trajectory)
 
     @property
     def certified_history(self) -> Array:
@@ -333,6 +333,11 @@ def trial_id(
     identity = [problem.digest(), planner, dict(options), seed, code]
     text = json.dumps(identity, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def code_in(provenance: Mapping[str, str]) -> str:
+    """Return the digest of the code that ran; in old trials, the package's version."""
+    return provenance.get("planner_digest") or provenance["mintime"]
 
 
 def trials_of(

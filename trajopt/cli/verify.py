@@ -41,7 +41,7 @@ from trajopt.judgement import Execution, as_executed, taking_over
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
 from trajopt.views import table_cells
-from trajopt.views.analysis.gap_reference import durations
+from trajopt.views.analysis.gap_reference import best
 
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
@@ -102,7 +102,7 @@ def verify(
         if of_motion:
             right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
             raise InvalidInput("PATH", right, value=str(path))
-        found = verification(path, durations)
+        found = verification(path, best)
     report(found, json)
     return 0 if found.holds else 1
 

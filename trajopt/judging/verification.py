@@ -95,6 +95,8 @@ class Certificate:
             that segment begins; None where the problem has no least times.
         motion: the longer motion that has the certified duration, where a dilation would change
             the states at the ends; None elsewhere, and in a stored certificate.
+        judged: the motion that was judged, repaired where it missed within tolerance; None in a
+            stored certificate.
     """
 
     duration: float
@@ -107,6 +109,7 @@ class Certificate:
     least_times: Use | None = None
     rounded: float | None = field(default=None, compare=False)
     motion: Trajectory | None = field(default=None, compare=False)
+    judged: Trajectory | None = field(default=None, compare=False)
 
     @property
     def velocity(self) -> Use:
@@ -159,6 +162,15 @@ class Certificate:
         if not self.valid:
             return None
         return max(1.0, self.dilation) * self.duration
+
+    @property
+    def certified_motion(self) -> Trajectory | None:
+        """The motion of the certified duration; None with a flaw, and in a stored certificate."""
+        if not self.valid or self.judged is None:
+            return None
+        if self.motion is not None or self.dilation <= 1:
+            return self.judged
+        return self.judged.dilated(self.dilation)
 
     def __repr__(self) -> str:
         if not self.valid:
@@ -219,9 +231,8 @@ def verify(
             own, trajectory, tolerance or Tolerance(), unjudged, at_rest=at_rest
         )
     slower = at_rest and certificate.valid and certificate.dilation > 1
-    if slower and not problem.route.dilatable:
-        return replace(certificate, motion=judged)
-    return certificate
+    is_own = slower and not problem.route.dilatable
+    return replace(certificate, motion=judged if is_own else None, judged=judged)
 
 
 def broken(problem: Problem, certificate: Certificate) -> list[str]:
@@ -246,14 +257,7 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     the route begins or ends in motion, it is instead the fastest of the slower motions that
     `judging.slower` finds.
     """
-    _check_sizes(problem, trajectory)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        certificate, judged = _judged(_counted(problem), trajectory, Tolerance())
-    if not certificate.valid:
-        return None
-    if certificate.dilation <= 1 or not problem.route.dilatable:
-        return judged
-    return judged.dilated(certificate.dilation)
+    return verify(problem, trajectory).certified_motion
 
 
 def hand_over(

@@ -77,7 +77,7 @@ _KINDS: dict[Kind, tuple[str, Callable[[Any], bool]]] = {
     "object": ("a JSON object", lambda value: isinstance(value, Mapping)),
 }
 
-_DTYPES = {"number": float, "integer": np.int64}
+DTYPES = {"number": float, "integer": np.int64}
 
 FIELDS = (
     Field("id", "line", "", "identity: problem, planner, options, seed, code"),
@@ -119,6 +119,8 @@ FIELDS = (
 )
 """Every field; `as_dict`, columns and tables follow their order."""
 
+PROVENANCE = FIELDS[-1]
+
 _ATTRIBUTES = {attribute.name for attribute in dataclasses.fields(Trial)}
 _NAMED = [field for field in FIELDS if not field.path]
 OWN_FIELDS = tuple(field for field in _NAMED if field.name in _ATTRIBUTES)
@@ -131,13 +133,14 @@ def columns(trials: Sequence[Trial]) -> dict[str, Any]:
     Numbers are arrays, with NaN for a missing one. The others are texts: several in a field, one a
     line; an object as JSON.
     """
-    return {field.name: _column(field, trials) for field in FIELDS}
+    return {field.name: column(field, trials) for field in FIELDS}
 
 
-def _column(field: Field, trials: Sequence[Trial]) -> Any:
+def column(field: Field, trials: Sequence[Trial]) -> Any:
+    """Return the values of one field, one a trial, as `columns` does."""
     items = list(map(attrgetter(field.path or field.name), trials))
-    if field.kind in _DTYPES:
-        return np.array(items, dtype=_DTYPES[field.kind])
+    if field.kind in DTYPES:
+        return np.array(items, dtype=DTYPES[field.kind])
     return [_as_text(item) for item in items]
 
 

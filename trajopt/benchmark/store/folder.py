@@ -10,20 +10,25 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
-from trajopt.benchmark.store import atomic, results_file, trial_text, verdicts
+from trajopt.benchmark.provenance import provenance
+from trajopt.benchmark.store import atomic, layout, results_file, trial_text, verdicts
 from trajopt.benchmark.store.document import Malformed
-from trajopt.benchmark.store.layout import References
+from trajopt.benchmark.store.layout import Key, References, Table
+from trajopt.benchmark.store.results_file import Entry, Stored, Version
 from trajopt.benchmark.store.trial_text import WrongSchema
 from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
 from trajopt.core.harmless import harmless
+from trajopt.explain.references import PROVERS, REFERENCES
 
 T = TypeVar("T")
 Stamp = tuple[int, int]  # a file's inode and its time of last change, ns
@@ -32,6 +37,7 @@ _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
 _MAX_NAMED = 10  # damaged files that are named one by one
+_TELLING = (*REFERENCES, *PROVERS)  # planners whose trials are references
 _OTHER_VERSION = "written by another version of trajopt"
 _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
 
@@ -71,11 +77,12 @@ def _pass(error: Damaged) -> None:
 
 
 class Written(NamedTuple):
-    """A trial's file, its stamp, and its text."""
+    """A trial's file, its stamp, its text, and its row of `results.h5` where a judge made it."""
 
     path: Path
     stamp: Stamp | None
     text: bytes
+    row: tuple[Key, Table] | None = None
 
 
 @dataclass(frozen=True)
@@ -115,54 +122,113 @@ class Store:
         Raises:
             StoreError: The disk refuses a file. Those before it are kept.
         """
-        texts: dict[Path, bytes] = {}
+        made: dict[Path, tuple[bytes, tuple[Key, Table]]] = {}
         for trial in trials:
             kept = trial
             try:
-                text = trial_text.write(trial)
+                text, stated = trial_text.written(trial)
             except StoreError:
                 raise
             except Exception:
                 if instead is None:
                     raise
                 kept = instead(trial)
-                text = trial_text.write(kept)
-            texts[self.path(kept.id, unanswered=kept.runs_again)] = text
-        atomic.write_all(texts)
-        for path in texts:
+                text, stated = trial_text.written(kept)
+            path = self.path(kept.id, unanswered=kept.runs_again)
+            made[path] = text, _row(verdicts.with_motion(stated, kept.certificate), text)
+        atomic.write_all({path: text for path, (text, _) in made.items()})
+        for path in made:
             if not _is_unanswered(path):
                 self.path(path.stem, unanswered=True).unlink(missing_ok=True)
-        return [Written(path, _stamp(path), text) for path, text in texts.items()]
+        return [Written(path, _stamp(path), *own) for path, own in made.items()]
 
     def consolidate(self, seen: Seen | None = None, references: References | None = None) -> Path:
-        """Rebuild `results.h5` from every trial's text; warns of damaged ones (`DamagedFile`).
+        """Write `results.h5` of every trial's text; warns of damaged ones (`DamagedFile`).
 
-        Files that were `seen` are not read again. It starts anew if another run replaced
+        Files that were `seen` are not read again. Rows are those that judges of this run made,
+        those of the last `results.h5` whose texts are the same and which this installation's judge
+        made, and for the rest trials are judged. It starts anew if another run replaced
         `results.h5` meanwhile: that run may know more trials. Gaps are measured against
         `references`; without them they are NaN.
         """
         atomic.sweep(self.folder, self.folder / "trials")
         known = seen or Seen()
+        before = _stamp(self.results)
+        content = self._content(known, references)
 
         def rebuild(place: Path) -> None:
+            nonlocal before, content
             while True:
-                before = _stamp(self.results)
-                place.write_bytes(self._content(known, references))
+                with place.open("wb") as stream:
+                    stream.write(content)
+                    stream.write(results_file.seal(content))
                 if _stamp(self.results) == before:
                     return
+                before = _stamp(self.results)
+                content = self._content(known, references)
 
-        atomic.write(self.results, rebuild)
+        if not results_file.holds(self.results, content):
+            atomic.write(self.results, rebuild)
         return self.results
 
     def _content(self, known: Seen, references: References | None) -> bytes:
-        """Return the bytes of `results.h5` for the trials in the folder."""
+        """Return the bytes of `results.h5` for the trials in the folder, without their seal."""
         damaged: list[Damaged] = []
-        found = [known.read(path, damaged.append) for path in _trial_files(self.folder)]
+        texts: dict[str, bytes] = {}
+        for path in _trial_files(self.folder):
+            text = known.text(path, damaged.append)
+            if text is not None:
+                texts[_id(path)] = text
+        judge = provenance()["judge_digest"]
+        bad = len(damaged)
+        try:
+            with results_file.product(self.results, judge) as old:
+                kept = [entry for entry, text in old if texts.get(entry.id) == text]
+                stored = self._rows(texts, kept, known, references, damaged.append)
+                content = results_file.content(stored, judge)
+                known.versions = [results_file.version(own) for own in stored.entries]
+        except Exception:  # there is no last file, or none that is of use
+            del damaged[bad:]
+            stored = self._rows(texts, [], known, references, damaged.append)
+            content = results_file.content(stored, judge)
+            known.versions = [results_file.version(own) for own in stored.entries]
         _warn(damaged)
-        pairs = [pair for pair in found if pair is not None]
-        trials = list(verdicts.judged(pairs))
-        texts = [text for _, text in pairs]
-        return results_file.content(trials, texts, references)
+        return content
+
+    def _rows(
+        self,
+        texts: Mapping[str, bytes],
+        kept: Iterable[Entry],
+        known: Seen,
+        references: References | None,
+        damaged: OnDamage,
+    ) -> Stored:
+        """Return all rows for `results.h5`: those that are known, and judged trials for the rest.
+
+        Args:
+            texts: Of the trials, by identity.
+            kept: Rows of the last file.
+            known: What the run has seen.
+            references: What is known of each problem.
+            damaged: Called with each trial whose text is damaged.
+        """
+        entries = {entry.id: entry for entry in kept}
+        trials = dict(known.trials)
+        for own_id, row in known.rows.items():
+            if own_id in texts:
+                entries[own_id] = results_file.entry(*row)
+        for own_id in texts.keys() - entries.keys():
+            try:
+                with _reading(self.path(own_id)):
+                    trial = verdicts.judged(trial_text.read(texts[own_id]))
+            except Damaged as error:
+                damaged(error)
+            except WrongSchema:
+                damaged(Damaged(self.path(own_id), _OTHER_VERSION))
+            else:
+                trials[own_id] = trial
+                entries[own_id] = results_file.entry(*_row(trial, texts[own_id]))
+        return _arranged(entries, texts, trials, references)
 
     def restore(self, seen: Seen) -> None:
         """Write again what others have removed or changed since it was seen, and warn."""
@@ -178,91 +244,92 @@ class Store:
             stacklevel=2,
         )
 
-    def is_current(self) -> bool:
-        """Return whether `results.h5` is whole, and younger than every trial file."""
-        trials = self.folder / "trials"
-        try:
-            built = self.results.stat().st_mtime_ns
-            changes = [path.stat().st_mtime_ns for path in (trials, *trials.iterdir())]
-            results_file.check_seal(self.results)
-        except (OSError, ValueError):
-            return False
-        return max(changes) < built
-
-    def seen(self) -> Seen:
+    def seen(self, asked: Container[str] | None = None) -> Seen:
         """Return the stored trials as they are now, but for damaged files.
 
-        A trial that does not hold what it states is left out too, with a warning (`Unheld`): it
-        runs again where it is asked for.
+        Those that are `asked` for, by default all, are judged: one that does not hold what it
+        states is left out, with a warning (`Unheld`), and runs again. Of the others only the texts
+        are kept.
 
         Raises:
             StoreError: Another version filled this folder.
         """
-        with _reading(self.results):
-            results_file.check_schema(self.results)
-        stamps = {path: _stamp(path) for path in _trial_files(self.folder)}
-        stored = []
-        for path, (trial, text) in _each(list(stamps), _both, _pass):
-            stored.append((Written(path, stamps[path], text), trial))
+        paths = _trial_files(self.folder)
         found = Seen()
-        judged = verdicts.judged((trial, written.text) for written, trial in stored)
-        unheld = 0
-        for (written, _), trial in zip(stored, judged, strict=True):
-            unheld += bool(trial.differences)
-            if not trial.differences:
-                found.keep(written, trial)
-        _warn_of_unheld(self.folder, unheld, len(stored))
+        stamps = {path: _stamp(path) for path in paths}
+        counts = Counter[bool]()
+        for path, (trial, text) in _each(paths, _of_asked(asked), _pass):
+            holds = trial is None or not trial.differences
+            counts[holds] += trial is not None
+            if holds:
+                found.keep(Written(path, stamps[path], text), trial)
+        _warn_of_unheld(self.folder, counts[False], counts.total())
+        try:
+            with _reading(self.results):
+                results_file.check_schema(self.results)
+        except WrongSchema:
+            if not paths:
+                raise
+            words = f"{_OTHER_VERSION}; it is written anew from the texts in trials/"
+            _warn([Damaged(self.results, words)])
+        except StoreError:  # no file that can be read: it is written anew, too
+            pass
         return found
 
     def read(self) -> list[Trial]:
         """Return the stored trials with computed verdicts; warns as `read` below does."""
-        damaged: list[Damaged] = []
-        found = _judged(self.folder, _stored(self.folder, _both, damaged.append))
-        _warn(damaged)
-        return found
+        return read(self.folder)
 
 
 class Seen:
     """The trials that a run has found or stored: their files need not be read again.
 
     Attributes:
-        trials: By their identities.
+        trials: Those that were asked for or added, by their identities.
+        rows: Those that judges made, by identity.
+        versions: Of every trial of the folder, once `results.h5` is written.
     """
 
     def __init__(self) -> None:
         self.trials: dict[str, Trial] = {}
+        self.rows: dict[str, tuple[Key, Table]] = {}
+        self.versions: list[Version] = []
         self._written: dict[str, Written] = {}
-        self._added: list[str] = []
 
-    def add(self, written: Iterable[Written]) -> None:
-        """Keep what has been stored."""
+    def add(self, written: Iterable[Written], *, trusted: bool) -> None:
+        """Keep what has been stored.
+
+        Args:
+            written: By judges.
+            trusted: Whether this run started them, from this installation; else the trials are
+                judged again.
+        """
         for one in written:
             trial = trial_text.read(one.text)
-            self.keep(one, trial)
-            self._added.append(trial.id)
+            own = one._replace(row=one.row if trusted else None)
+            self.keep(own, trial if trusted else verdicts.judged(trial))
 
-    def judge_trials(self, *, trusted: bool) -> None:
-        """Compute the verdicts of all trials, except of those added, if their judge is `trusted`.
-
-        A judge is trusted that this run started, from this installation.
-        """
-        if trusted:
-            verdicts.trust(self._written[trial_id].text for trial_id in self._added)
-        pairs = [(trial, self._written[trial_id].text) for trial_id, trial in self.trials.items()]
-        self.trials = {trial.id: trial for trial in verdicts.judged(pairs)}
-
-    def keep(self, one: Written, trial: Trial) -> None:
+    def keep(self, one: Written, trial: Trial | None) -> None:
         """Keep a file, and the trial in it."""
-        self.trials[trial.id] = trial
-        self._written[trial.id] = one
+        own_id = _id(one.path)
+        self._written[own_id] = one
+        self.rows.pop(own_id, None)
+        if one.row is not None:
+            self.rows[own_id] = one.row
+        if trial is not None:
+            self.trials[own_id] = trial
 
-    def read(self, path: Path, damaged: OnDamage) -> tuple[Trial, bytes] | None:
-        """Return the trial in a file, and its text; None if it is damaged."""
+    def text(self, path: Path, damaged: OnDamage) -> bytes | None:
+        """Return the text in a file; None if it is damaged."""
         known = self._written.get(_id(path))
         if known and known.path == path and known.stamp == _stamp(path):
-            return self.trials[_id(path)], known.text
+            return known.text
         try:
-            return _one(path, _both)
+            text = _one(path, bytes)
+            if known and known.text != text:  # another run, or worker, finished it too
+                trial = _one(path, trial_text.read) if _id(path) in self.trials else None
+                self.keep(Written(path, _stamp(path), text), trial and verdicts.judged(trial))
+            return text
         except Damaged as error:
             damaged(error)
         except WrongSchema:
@@ -275,12 +342,78 @@ class Seen:
         return {one.path: one.text for one in written if _stamp(one.path) != one.stamp}
 
 
+# --- rows of results.h5 ---
+
+
+def _row(trial: Trial, text: bytes) -> tuple[Key, Table]:
+    """Return a judged trial's problem and row."""
+    return layout.key(trial.problem), layout.table(trial, text)
+
+
+def _arranged(
+    entries: Mapping[str, Entry],
+    texts: Mapping[str, bytes],
+    trials: Mapping[str, Trial],
+    references: References | None,
+) -> Stored:
+    """Return rows with their problems, and what is known of these.
+
+    Args:
+        entries: The rows, by identity.
+        texts: Theirs.
+        trials: Judged ones; of the references the others are read and judged.
+        references: What is known of each problem.
+    """
+    problems = {}
+    telling = []
+    for key, own in results_file.by_problem(entries.values()).items():
+        first = texts[own[0].id]
+        problems[key] = trial_text.problem(first)
+        if references is None:
+            continue
+        chosen = [entry.id for entry in own if entry.planner in _TELLING]
+        for one in chosen:
+            telling.append(trials.get(one) or verdicts.judged(trial_text.read(texts[one])))
+        if not chosen:
+            telling.append(trial_text.read(first))
+    best = references(telling) if references else {}
+    return Stored(list(entries.values()), problems, best)
+
+
 def save(path: Path, trial: Trial, references: References | None = None) -> Path:
     """Write a `results.h5` of one trial."""
-    text = trial_text.write(trial)
-    content = results_file.content([trial], [text], references)
-    atomic.write(path, content)
+    judge = provenance()["judge_digest"]
+    content = rebuilt([trial_text.write(trial)], references, judge=judge)
+    atomic.write(path, content + results_file.seal(content))
     return path
+
+
+def rebuilt(
+    texts: Iterable[bytes],
+    references: References | None = None,
+    known: Mapping[bytes, Trial] = MappingProxyType({}),
+    *,
+    judge: str = "",
+) -> bytes:
+    """Return the content of the `results.h5` that texts give, without its seal.
+
+    Args:
+        texts: Of trials.
+        references: What is known of each problem.
+        known: Trials with computed verdicts (`verdicts.again`), by their texts.
+        judge: Digest of the code that judged, as the file says.
+
+    Raises:
+        Exception: A text is damaged.
+    """
+    found: dict[str, bytes] = {}
+    trials: dict[str, Trial] = {}
+    entries: dict[str, Entry] = {}
+    for text in texts:
+        trial = verdicts.judged(trial_text.read(text), known.get(text))
+        found[trial.id], trials[trial.id] = text, trial
+        entries[trial.id] = results_file.entry(*_row(trial, text))
+    return results_file.content(_arranged(entries, found, trials, references), judge)
 
 
 def read(path: Path | str) -> list[Trial]:
@@ -293,9 +426,8 @@ def read(path: Path | str) -> list[Trial]:
         StoreError: The file is missing, damaged, or from another version; a damaged file in a
             folder is left out with a warning (`DamagedFile`).
     """
-    damaged: list[Damaged] = []
-    found = _judged(path, _stored(Path(path), _both, damaged.append))
-    _warn(damaged)
+    found = list(map(verdicts.judged, recorded(Path(path))))
+    _warn_of_unheld(path, sum(bool(trial.differences) for trial in found), len(found))
     return found
 
 
@@ -329,13 +461,6 @@ def _stored(path: Path, use: Callable[[bytes], T], damaged: OnDamage) -> Iterato
             yield from map(use, results_file.read(path))
 
 
-def _judged(path: Path | str, pairs: Iterable[tuple[Trial, bytes]]) -> list[Trial]:
-    """Return trials with computed verdicts, and warn of those that state others."""
-    found = list(verdicts.judged(pairs))
-    _warn_of_unheld(path, sum(bool(trial.differences) for trial in found), len(found))
-    return found
-
-
 def _warn_of_unheld(path: Path | str, unheld: int, count: int) -> None:
     if unheld:
         words = f"{path}: {unheld} of {count} trials do not hold what they state; "
@@ -343,12 +468,18 @@ def _warn_of_unheld(path: Path | str, unheld: int, count: int) -> None:
         warnings.warn(words, Unheld, stacklevel=3)
 
 
-def misstated(path: Path, references: References) -> list[str]:
-    """Return the names of datasets of a `results.h5` that differ from its own texts.
+def texts(path: Path, damaged: OnDamage) -> Iterator[tuple[Trial, bytes]]:
+    """Yield the trials of a path as `recorded` does, each with its text."""
+    yield from _stored(path, _both, damaged)
+
+
+def misstated(path: Path, references: References, known: Mapping[bytes, Trial]) -> list[str]:
+    """Return the names of what differs in a `results.h5` from what its own texts give.
 
     Args:
         path: The file, or its folder; a folder may have none.
-        references: What gaps are measured against.
+        references: What is known of each problem.
+        known: Trials with computed verdicts (`verdicts.again`), by their texts.
 
     Raises:
         StoreError: The file is damaged.
@@ -357,12 +488,9 @@ def misstated(path: Path, references: References) -> list[str]:
     if is_trial(file) or not file.exists():
         return []
     with _reading(file):
-        pairs = list(map(_both, results_file.read(file)))
-        trials = []
-        for (then, _), now in zip(pairs, verdicts.judged(pairs), strict=True):
-            # another machine may find another joint at the same use of a limit
-            trials.append(now if now.differences else then)
-        return results_file.differences(file, trials, references)
+        judge = results_file.judge_of(file)
+        content = rebuilt(results_file.read(file), references, known, judge=judge)
+        return results_file.differences(file, content)
 
 
 def is_trial(path: Path) -> bool:
@@ -420,6 +548,18 @@ def _trial_files(folder: Path) -> list[Path]:
         raise WrongSchema(str(folder))
     done = {file.stem for file in files if not _is_unanswered(file)}
     return [file for file in files if not _is_unanswered(file) or _id(file) not in done]
+
+
+def _of_asked(
+    asked: Container[str] | None,
+) -> Callable[[bytes], tuple[Trial | None, bytes]]:
+    """Return what reads and judges the trials that are asked for, and no other."""
+
+    def use(text: bytes) -> tuple[Trial | None, bytes]:
+        is_asked = asked is None or trial_text.stated_id(text) in asked
+        return verdicts.judged(trial_text.read(text)) if is_asked else None, text
+
+    return use
 
 
 def _both(text: bytes) -> tuple[Trial, bytes]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.benchmark.store import proofs, verdicts
-from trajopt.benchmark.store.folder import Damaged, misstated, recorded
+from trajopt.benchmark.store.folder import Damaged, misstated, texts
 from trajopt.benchmark.store.layout import References
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
@@ -114,23 +114,28 @@ def verification(path: Path | str, references: References | None = None) -> Veri
             folder is a trial that does not hold.
     """
     damaged: list[Damaged] = []
-    trials = recorded(Path(path), damaged.append)
-    found = checked(sorted(trials, key=lambda t: (t.problem.name, t.label, t.seed)))
+    pairs = list(texts(Path(path), damaged.append))
+    pairs.sort(key=lambda pair: (pair[0].problem.name, pair[0].label, pair[0].seed))
+    anew = [verdicts.again(trial) for trial, _ in pairs]
+    found = _all_checked([trial for trial, _ in pairs], anew)
     for error in damaged:
         found.append(CheckedTrial(error.path.stem, differences=(str(error),)))
-    differing = misstated(Path(path), references) if references else []
+    known = {text: now for (_, text), now in zip(pairs, anew, strict=True)}
+    differing = misstated(Path(path), references, known) if references else []
     return Verification(tuple(found), tuple(differing))
 
 
 def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
     """Compute trials again; a bound must not exceed a certified duration of its problem."""
-    anew = []
+    return _all_checked(trials, [verdicts.again(trial) for trial in trials])
+
+
+def _all_checked(trials: Sequence[Trial], anew: Sequence[Trial]) -> list[CheckedTrial]:
+    """Trials beside their computed verdicts."""
     shortest: dict[str, float] = {}
-    for trial in trials:
-        now = verdicts.again(trial)
+    for now in anew:
         duration = np.inf if now.certified_duration is None else now.certified_duration
         shortest[now.digest] = min(duration, shortest.get(now.digest, np.inf))
-        anew.append(now)
     pairs = zip(trials, anew, strict=True)
     return [_checked(then, now, shortest[now.digest]) for then, now in pairs]
 

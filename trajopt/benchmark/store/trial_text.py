@@ -87,11 +87,22 @@ def _head(text: bytes) -> re.Match[bytes]:
     found = _HEAD.match(text)
     if found is None:
         raise Malformed("it does not start as a trial's text does")
+    if int(found["schema"]) != SCHEMA:
+        raise WrongSchema("a trial")
     return found
 
 
 def write(trial: Trial, *, brief: bool = False) -> bytes:
     """Return the trial's text; brief: its trajectory is stated joint by joint.
+
+    Raises:
+        TypeError, ValueError, StoreError: As `written` does.
+    """
+    return written(trial, brief=brief)[0]
+
+
+def written(trial: Trial, *, brief: bool = False) -> tuple[bytes, Trial]:
+    """Return the trial's text, and the trial that it states: every text can be read back.
 
     Raises:
         TypeError, ValueError: No text can hold the trial.
@@ -107,8 +118,7 @@ def write(trial: Trial, *, brief: bool = False) -> bytes:
         table["certificate"] = certificate_table(trial.certificate)
     table["solution"] = packed_solution(trial.solution, brief=brief)
     text = sealed(table)
-    read(text)  # refuses a text that cannot be read back
-    return text
+    return text, read(text)
 
 
 def sealed(table: Mapping[str, Any]) -> bytes:
@@ -153,11 +163,14 @@ def read(text: bytes) -> Trial:
     return trial
 
 
+def problem(text: bytes) -> Problem:
+    """Return the problem of a text; raises as `read` does."""
+    return _problem(row(text)["problem"])
+
+
 def row(text: bytes) -> dict[str, Any]:
     """Return what a whole text states, by name; its seal is checked, its values are not."""
     found = _head(text)
-    if int(found["schema"]) != SCHEMA:
-        raise WrongSchema("a trial")
     if len(text) > MAX_BYTES:
         raise Malformed(f"it has more than {MAX_BYTES / 1e6:g} MB")
     digest = hashlib.sha256(memoryview(text)[found.start("body") :]).hexdigest()

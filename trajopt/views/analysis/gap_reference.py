@@ -1,7 +1,7 @@
 """The reference of gaps: the shortest motion known for a problem, and the proved lower bound.
 
     references(trials)      # by the problem's digest
-    durations(trials)       # of these, s
+    best(trials)            # with the motion, for `results.h5`
     improvements(trials)    # answers that are better than the best known
 
 Durations are in seconds, and NaN is what does not exist.
@@ -16,6 +16,7 @@ from typing import Literal
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_WITHIN
+from trajopt.benchmark.store.layout import Best
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROVERS, REFERENCES
@@ -64,10 +65,24 @@ def references(trials: Iterable[Trial]) -> dict[str, Reference]:
     return found
 
 
-def durations(trials: Iterable[Trial]) -> dict[str, float]:
-    """Return the reference's duration of every problem, s, by its digest, of newest trials."""
-    found = references(newest(trials).trials)
-    return {digest: reference.duration for digest, reference in found.items()}
+def best(trials: Iterable[Trial]) -> dict[str, Best]:
+    """Return what is known of every problem's optimum, of newest trials, by its digest."""
+    shown = newest(trials).trials
+    own = by_problem(shown)
+    return {digest: _best(known, own[digest]) for digest, known in references(shown).items()}
+
+
+def _best(known: Reference, trials: Sequence[Trial]) -> Best:
+    """Return a reference with its motion."""
+    source, motion = "", None
+    if known.kind == "best known":
+        source, motion = known.recorded, records.answer(trials[0].problem).trajectory
+    elif known.kind in OPTIMA:
+        optima = [t for t in trials if t.planner in (*REFERENCES, *PROVERS) and _is_reference(t)]
+        shortest = min(optima, key=lambda trial: (_duration(trial), trial.label, trial.id))
+        source = f"{shortest.label}, seed {shortest.seed}"
+        motion = shortest.certified_trajectory
+    return Best(known.duration, known.kind, known.proved, source, motion)
 
 
 def improvements(trials: Iterable[Trial]) -> list[Trial]:

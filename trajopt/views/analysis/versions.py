@@ -14,12 +14,34 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 from trajopt.benchmark.trial import Trial
 
 K = TypeVar("K")
 Version = tuple[str, str, str]  # planner, options and code
+
+
+class Versioned(Protocol):
+    """What tells of which version of a planner a trial is: a `Trial`, or its row."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def label(self) -> str: ...
+    @property
+    def planner(self) -> str: ...
+    @property
+    def options(self) -> Mapping[str, Any]: ...
+    @property
+    def code(self) -> str: ...
+    @property
+    def started(self) -> str: ...
+    @property
+    def asked(self) -> str: ...
+
+
+V = TypeVar("V", bound=Versioned)
 
 
 @dataclass(frozen=True)
@@ -72,7 +94,7 @@ def by(trials: Iterable[Trial], key: Callable[[Trial], K]) -> dict[K, list[Trial
     return groups
 
 
-def version(trial: Trial) -> Version:
+def version(trial: Versioned) -> Version:
     """Return the planner, options and code of a trial."""
     options = json.dumps(dict(trial.options), sort_keys=True, default=str)
     return trial.planner, options, trial.code
@@ -85,7 +107,12 @@ def newest(trials: Iterable[Trial]) -> Newest:
 
     The last of several trials with one identity counts, as from two copies of a folder.
     """
-    once: dict[str, Trial] = {}
+    return Newest(*last_versions(trials))
+
+
+def last_versions(trials: Iterable[V]) -> tuple[list[V], Counter[str]]:
+    """Return the trials of each label's last version, and how many others there are, by label."""
+    once: dict[str, V] = {}
     for trial in trials:
         known = once.setdefault(trial.id, trial)
         if _time(trial) > _time(known):
@@ -102,9 +129,9 @@ def newest(trials: Iterable[Trial]) -> Newest:
             shown.append(trial)
         else:
             left_out[trial.label] += 1
-    return Newest(shown, left_out)
+    return shown, left_out
 
 
-def _time(trial: Trial) -> datetime:
+def _time(trial: Versioned) -> datetime:
     """Return when a trial ran, or when a later comparison kept it."""
     return datetime.fromisoformat(trial.asked or trial.started)

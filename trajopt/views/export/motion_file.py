@@ -30,7 +30,7 @@ from trajopt.formats.on_cycle import OnCycle
 from trajopt.formats.samples import Samples
 from trajopt.judgement import Execution, GivenMotion, passing
 from trajopt.judging.verification import Certificate, verify
-from trajopt.views.analysis.gap_reference import durations
+from trajopt.views.analysis.gap_reference import best
 
 Points = Literal["breaks", "cycles"]
 
@@ -145,7 +145,7 @@ def write(
     if target.executed:
         return _write_executed(target, trial)
     if target.path.suffix == ".h5":
-        save(target.path, trial, durations)
+        save(target.path, trial, best)
     elif target.path.suffix == ".json":
         _write_text(target.path, _exact(trial))
     else:
@@ -177,7 +177,7 @@ def write_log(path: Path, found: Execution) -> bool:
     if path.suffix == ".h5":
         given = GivenMotion(read_motion(own))
         (trial,) = trials_of(given, found.problem, [0], found.motion.name)
-        save(path, trial, durations)
+        save(path, trial, best)
     elif path.suffix == ".json":
         _write_text(path, json.dumps(_polynomials(found.problem, own), indent=1))
     else:
