@@ -132,7 +132,7 @@ class Exact(SeveralStarts):
                     return self.best_of(scaled, lambda _: [known], iter([None]))
                 beside += _before_gaps(scaled)
             others = [Guess(*own) for own in gaps.starts(scaled)]
-            beside += solve_from(others) if others else []
+            beside += solve_from([*others, *guesses.cruising(scaled)])
         count = (MAX_STARTS_FACTOR if patient else 1) * self.starts
         stopping, *random = starting_points(scaled, count)
         purpose = list(guesses.on_purpose(scaled))

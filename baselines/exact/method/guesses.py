@@ -21,6 +21,8 @@ EVERY_SIDE = 10  # guesses where there are tolerances
 _SWEEPS = 20  # towards the chord
 _SIDE = 0.95  # of the half width of a box
 _TIMES = (1.0, 0.5)  # of stopping, from each place
+_CRUISING = (1.1, 1.3, 1.5, 2.0)  # of the times at the velocity limits
+_BRIEFEST = 1e-3  # of the times of stopping: boxes that overlap leave no way
 _SLOW = 2.0  # further times, from the places between the sides
 
 
@@ -53,6 +55,15 @@ def on_purpose(scaled: Scaled) -> Iterator[Guess]:
             yield _guess(scaled, side * r, share)
 
 
+def cruising(scaled: Scaled) -> Iterator[Guess]:
+    """Yield the chord a little slower than at the velocity limits, for motions that begin or end in
+    motion: a short segment next to an end is passed at once, and the times of stopping are far.
+    """
+    chord = _chord(scaled)
+    for share in _CRUISING:
+        yield _guess(scaled, chord, share, (_ways(scaled, chord) / scaled.v).max(axis=(0, 2)))
+
+
 def _chord(scaled: Scaled) -> Array:
     """Return the offsets of the shortest way, at the waypoints with a state."""
     places = np.append(np.zeros((1, scaled.h.shape[1])), np.cumsum(scaled.h, axis=0), axis=0)
@@ -66,11 +77,17 @@ def _chord(scaled: Scaled) -> Array:
     return (chord - places)[1 : len(scaled.tolerance) + 1]
 
 
-def _guess(scaled: Scaled, offset: Array, share: float) -> Guess:
-    times = share * scaled.stop
-    moved = np.zeros((len(times) + 1, scaled.h.shape[1]))
+def _ways(scaled: Scaled, offset: Array) -> Array:
+    """Return the displacements between places, `(segments, joints)`."""
+    moved = np.zeros((len(scaled.h) + 1, scaled.h.shape[1]))
     moved[1 : len(offset) + 1] = offset
-    mean = (scaled.h + np.diff(moved, axis=0)) / times[:, None]
+    return scaled.h + np.diff(moved, axis=0)
+
+
+def _guess(scaled: Scaled, offset: Array, share: float, times: Array | None = None) -> Guess:
+    """Return the guess at places in a share of some times, by default those of stopping."""
+    times = share * np.maximum(scaled.stop if times is None else times, _BRIEFEST * scaled.stop)
+    mean = _ways(scaled, offset) / times[:, None]
     after = np.roll(mean, -1, axis=0)
     velocities = ((mean + after) / 2)[: len(offset)]
     return Guess(times, velocities, offset if scaled.tolerance.any() else None)

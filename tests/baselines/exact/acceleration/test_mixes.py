@@ -1,0 +1,76 @@
+"""Mixed demands: optima that another method or a part of a certified motion knows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration import Exact
+from soaks import mixes
+from trajopt import Limits, Problem, verify
+
+# Waypoints, tolerance of the second one, velocity and acceleration limits of both segments, the
+# velocities at the ends, and the minimum time: IPOPT, every joint in its own pieces of constant
+# acceleration, from several starts, and a part of a whole motion that the judge certifies.
+KNOWN = {
+    "2 % too long from random guesses": (
+        [[0.590411, -1.430918], [0.755777, -2.649842], [0.918371, -3.035649]],
+        [0.406615, 0.406615],
+        [
+            [[-0.618687, 0.618687], [-1.186879, 1.186879]],
+            [[-0.261159, 0.47416], [-1.541189, 2.732413]],
+        ],
+        [
+            [[-5.753566, 5.753566], [-9.739873, 9.739873]],
+            [[-1.7404, 1.7404], [-5.072482, 5.072482]],
+        ],
+        {"start_velocity": [0.5556589999999998, -1.1868789999999996]},
+        1.3585159959058284,
+    ),
+    "47 % too long from guesses beside a gap": (
+        [[0.0, 0.0], [-0.000304, 0.891329], [0.01615523475426914, 0.7040258555729388]],
+        [0.001395, 0.257645],
+        [
+            [[-1.251827, 1.251827], [-0.878515, 0.878515]],
+            [[-2.781806, 2.781806], [-1.101129, 1.101129]],
+        ],
+        [
+            [[-6.075368, 6.075368], [-0.875954, 0.875954]],
+            [[-7.961336, 7.961336], [-3.052089, 3.052089]],
+        ],
+        {"end_velocity": [0.18843206907888793, 0.6957909357498033]},
+        1.308489420288039,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", KNOWN)
+def test_an_optimum_that_another_method_knows(case):
+    waypoints, tolerance, velocity, acceleration, demands, optimum = KNOWN[case]
+    boxes = [np.zeros(2), tolerance, np.zeros(2)]
+    limits = Limits(np.array(velocity), np.array(acceleration))
+    problem = Problem(waypoints, limits, demands={"tolerance": boxes, **demands})
+    motion = Exact().solve(problem).trajectory
+    assert verify(problem, motion).certified_duration == pytest.approx(optimum, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("seed", "share"),
+    [
+        # the last segment of the first part takes 11 ms, next to the edge of a box
+        (46, None),
+        # guesses in the times of stopping lead to motions 30 and 105 % too long
+        (30, 3.6315851360233564),
+        (88, 1.2588770581455684),
+    ],
+)
+def test_a_cut_motion_is_planned_again_as_short(seed, share):
+    """`share`: what the second part takes, s; the first one takes 0.565 s where it is None."""
+    drawn = mixes.drawn(seed)
+    kept = {key: own for key, own in drawn.demands.items() if key not in ("given_times", "dwell")}
+    whole = Problem(drawn.waypoints, drawn.limits, demands=kept)
+    solution, duration = mixes.solved(whole)
+    cut = 0.565 if share is None else duration - share
+    parts = mixes.halves(whole, solution.trajectory, cut)
+    for part, own in zip(parts, (cut, duration - cut), strict=True):
+        assert mixes.solved(part)[1] <= own * (1 + 1e-6)
