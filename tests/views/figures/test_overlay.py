@@ -111,3 +111,19 @@ def luminance(colour):
 @pytest.mark.parametrize("colour", CURVES)
 def test_colours_have_a_contrast_of_three_on_white(colour):
     assert 1.05 / (luminance(colour) + 0.05) >= 3
+
+
+def test_one_slow_motion_does_not_squeeze_the_others():
+    """Of 1, 2 and 40 times the optimum: the axis ends at 1.3 times the second, with an arrow."""
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
+    best = load("exact").solve(problem).trajectory
+    shown = [
+        overlay.ShownMotion(name, name, best.dilated(factor))
+        for name, factor in (("exact", 1.0), ("a", 2.0), ("slow", 40.0))
+    ]
+    upper, _ = overlay.overlay(problem, shown).axes
+    assert upper.get_xlim()[1] == pytest.approx(1.12 * 1.3 * 2 * best.duration)
+    said = [text.get_text() for text in upper.texts]
+    assert any("slow" in text and "→" in text for text in said)
+    optimum, *others = (line for line in upper.lines if line.get_marker() == "None")
+    assert all(optimum.get_zorder() > other.get_zorder() for other in others)

@@ -26,7 +26,8 @@ EQUAL_RTOL = 1e-3  # durations closer than this are said to be equal
 LABEL_SHIFT = 0.4  # share of a label's width by which it may stand right of its motion's end
 FONT_PT = 9.5
 TITLE_CHARACTERS = 66  # as many as surely fit the figure's width
-CUT_OFF = 5.0  # times the shortest duration; what a slower motion does later is not shown
+CUT_OFF = 3.0  # times the shortest duration; slower motions are cut off, and say so by an arrow
+EDGE = 1.3  # times the longest duration that is not cut off
 FULL = 105.0  # %, of the axis of used limits
 
 
@@ -68,7 +69,8 @@ def overlay(
     known = [*order, *(label for label in labels if label not in order)]
     ends = []
     durations = [motion.trajectory.duration for motion in motions]
-    shown_until = min(max(durations), CUT_OFF * min(durations))
+    alike = max(own for own in durations if own <= CUT_OFF * min(durations))
+    shown_until = min(max(durations), EDGE * alike)
     for place, motion in enumerate(motions):
         colour = planner_look(motion.planner, known)["color"]
         on_top = place == 0
