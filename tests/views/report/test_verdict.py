@@ -200,14 +200,14 @@ def test_results_of_some_planners_and_of_common_problems():
         results.only(common=True)
 
 
-def test_the_page_has_waypoints_and_limits_and_says_infinite_as_the_terminal(page):
+def test_the_page_has_waypoints_and_says_infinite_as_the_terminal(page):
     """`one-joint` in numbers; the exact motion's ∫ jerk² is infinite, not missing."""
     [table] = re.findall(r'<table class="numbers">(.*?)</table>', page, re.S)
     rows = re.findall(r"<tr><th>(.*?)</th><td class=\"n\">(.*?)</td>", table)
     assert rows[:4] == [
         (f"waypoint {k}", f"{q} rad") for k, q in enumerate(["0", "0.4", "1", "1.5"], 1)
     ]
-    assert rows[4:] == [("velocity limit", "± 1 rad/s"), ("acceleration limit", "± 2 rad/s²")]
+    assert len(rows) == 4
     cells = re.findall(r'data-label="∫ jerk²" data-value="(.*?)">(.*?)</td>', page)
     assert any(value == "Infinity" and "∞" in text for value, text in cells)
 

@@ -129,7 +129,7 @@ class Page:
 
     @cached_property
     def numbers(self) -> list[dict[str, Any]]:
-        """Per problem, its joints, waypoints and limits, as texts with units."""
+        """Per problem, its joints and waypoints, as texts with units."""
         return [_numbers(problem) for problem in self.problems]
 
     @cached_property
@@ -339,18 +339,13 @@ def _demands(problem: Problem) -> Iterator[str]:
 
 
 def _numbers(problem: Problem) -> dict[str, Any]:
-    """Return the rows of a problem's table: its first waypoints, then its limits."""
+    """Return the rows of a problem's table: its first waypoints; its panel has the limits."""
     shown = problem.waypoints[:MAX_WAYPOINTS_SHOWN]
     rows = []
     for number, waypoint in enumerate(shown, start=1):
         units = map(problem.unit, range(problem.joints))
         cells = [f"{value:.6g} {unit}" for value, unit in zip(waypoint, units, strict=True)]
         rows.append({"name": f"waypoint {number}", "cells": cells})
-    differ = problem.limits.segments is not None
-    for limit in problem.limits.in_all_segments().kinds.values():
-        name = f"{limit.name()} limit" + (", tightest" if differ else "")
-        cells = [limit.of_joint(joint, problem) for joint in range(problem.joints)]
-        rows.append({"name": name, "cells": cells})
     left_out = len(problem.waypoints) - len(shown)
     return {"joints": list(problem.joint_labels), "rows": rows, "left_out": left_out}
 

@@ -45,6 +45,7 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
                 motions.append(_motion(trial, place, len(quantities)))
     return {
         "joints": problem.joints,
+        "names": list(problem.joint_labels),
         "waypoints": problem.waypoints,
         "quantities": [(name, problem.shared_unit(n)) for n, name in enumerate(quantities)],
         "units": [[problem.unit(joint, n) for n in orders] for joint in range(problem.joints)],
@@ -95,7 +96,8 @@ def _uses(problem: Problem, trajectory: Trajectory, times: Array) -> Iterator[tu
     """Names and uses, at times (s), of the limits whose use the page cannot compute itself."""
     for limit in _without_a_quantity(problem):
         for joint, use in limit.along(trajectory, times).items():
-            yield limit.short if joint is None else f"joint {joint + 1} {limit.short}", use
+            name = "" if joint is None else f"{problem.joint_labels[joint]} "
+            yield f"{name}{limit.short}", use
 
 
 def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[Array, Array]:

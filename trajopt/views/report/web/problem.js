@@ -89,7 +89,7 @@ const drawUse = (chart, note, found, motion) => {
       const [low, high] = found.limits[name][joint], values = motion.values[order][joint];
       const own = (i) => found.segments[name][Math.max(motion.passed.findLastIndex((t) => t <= motion.t[i]), 0)] ?? found.segments[name].at(-1);
       if (order === 0 || low === null || high === null || !values.some((v) => v)) return;
-      names.push(`joint ${joint + 1} ${name.slice(0, 3)}${name.length > 4 ? "." : "k"}`);
+      names.push(`${found.names[joint]} ${name.slice(0, 3)}${name.length > 4 ? "." : "k"}`);
       use.push(values.map((v, i) => {
         const [least, most] = found.segments[name] ? own(i)[joint] : [low, high];
         return Math.min(1, Math.max(v / (most ?? Infinity), v / (least ?? -Infinity)));
@@ -100,7 +100,7 @@ const drawUse = (chart, note, found, motion) => {
   draw(chart, () => [[{ type: "heatmap", x: motion.t, y: names, z: use, zmin: 0, zmax: 1, colorscale: "Cividis", xgap: 0, ygap: 1,
     colorbar: { title: { text: "use", side: "right" }, thickness: 12, tickformat: ".0%" }, hovertemplate: "%{y}: %{z:.1%} of the limit at %{x:.3f} s<extra></extra>" }], {
     height: 90 + 17 * names.length, xaxis: axis("time (s)"), yaxis: axis("", { autorange: "reversed", tickfont: { size: 11 }, showgrid: false }) }]);
-  const held = motion.held.map(([joint, limit, start, end]) => `${limit.replaceAll("_", " ")}${joint === null ? "" : ` of joint ${joint + 1}`}, ${start.toFixed(2)}–${end.toFixed(2)} s`);
+  const held = motion.held.map(([joint, limit, start, end]) => `${limit.replaceAll("_", " ")}${joint === null ? "" : ` of ${found.names[joint]}`}, ${start.toFixed(2)}–${end.toFixed(2)} s`);
   note.textContent = `Some joint is at a limit (99 % or more) for ${(100 * motion.busy).toFixed(0)} % of the time${held.length ? `; the longest stretches: ${held.join("; ")}` : ""}.`;
 };
 
@@ -113,7 +113,7 @@ const limitTable = (found) => {
   table.tHead.append(head);
   for (let j = 0; j < found.joints; j += 1) {
     const row = make("tr"), value = (v) => (v === null ? "none" : signed(v, 3));
-    row.append(make("td", String(j + 1)), ...limited.map(([name]) => {
+    row.append(make("td", found.names[j].replace(/^joint /, "")), ...limited.map(([name]) => {
       const [low, high] = found.limits[name][j];
       const text = found.spans[name] ? found.spans[name][j] : low === null && high === null ? "none" : low === -high ? `± ${value(high)}` : `${value(low)} to ${value(high)}`;
       return make("td", text, { class: "n" });
@@ -161,7 +161,7 @@ const fill = async (details) => {
     return;
   }
   panel.append(make("h3", "Trajectories"));
-  const joints = select(panel, "Joint", [...Array(found.joints).keys()].map((j) => [j + 1, j]));
+  const joints = select(panel, "Joint", found.names.map((name, j) => [name.replace(/^joint /, ""), j]));
   panel.append(Object.assign($("legend").cloneNode(true), { id: "" }));
   settle(panel.querySelector(".legend"));
   const motions = figure(panel, "Median runs.", "Certified trajectories of each planner’s median run; dashed red: limits; marks and dotted lines, with their numbers: waypoints. Click a curve for its trial.");

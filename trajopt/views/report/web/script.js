@@ -189,7 +189,7 @@
     const kinds = Object.entries(suite.kinds).map(([kind, n]) => `${n} to ${kind === "lower bound" ? "a lower bound" : kind === "relaxed" ? "the best known without some of the limits" : kind === "exact" ? "the exact optimum" : kind === "best known" ? "the best known" : "refined collocation"}`);
     $("suite-note").textContent = `${suite.problems} problem${suite.problems > 1 ? "s" : ""}; gaps: ${[...kinds, ...(suite.unknown ? [`${suite.unknown} unknown`] : [])].join(", ")}.`
       + (partly.length ? ` Not run on all of them, so left out of the first two charts: ${partly.join(", ")}.` : "")
-      + (counted.length ? ` Not refused by: ${counted.join(", ")}.` : "")
+      + (counted.length ? ` Planners that refuse some problems plan on: ${counted.join(", ")}.` : "")
       + (suite.convergence.length ? ` Running times and convergence: of the ${suite.searched} whose best 3-5-3 is known.` : "");
     draw($("profile"), () => [whole().profile.map(steps), { xaxis: axis("times the shortest of all answers", { ...LOG, nticks: 6, ...times(whole().profile) }), yaxis: share() }]);
     draw($("ecdf"), () => [whole().ecdf.map(steps), { xaxis: axis("gap (%)", { ...LOG, dtick: 1 }), yaxis: share() }]);
