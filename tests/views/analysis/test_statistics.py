@@ -563,21 +563,31 @@ def test_a_running_time_of_few_successes_has_no_interval():
     assert few.value == 310
     assert np.isnan([few.low, few.high]).all()
     assert np.isnan(bootstrap(time, [nan, nan]).high)
-    assert np.isnan(bootstrap(time, [1.0] * 9 + [nan]).high)
-    assert np.isfinite(bootstrap(time, [1.0] * 10 + [nan]).high)
-    assert bootstrap(time, [7, 7]) == Estimate(7.0, 7.0, 7.0)  # no run missed
+    assert np.isnan(bootstrap(time, [1.0] * 9 + [nan] * 11).high)
+    assert np.isfinite(bootstrap(time, [1.0] * 10 + [nan] * 10).high)
 
 
-def test_intervals_of_running_times_cover_what_they_say():
-    """Hits within half of 30 runs, at 0 to 100 evaluations: 50 for a hit, 100 for each miss."""
+def test_a_running_time_of_few_runs_has_no_interval_even_if_all_succeed():
+    """Of ten runs that succeed with chance 0.8 one set in nine has no miss to resample."""
+    time = partial(expected_running_time, budgets=100)
+    found = bootstrap(time, [7.0] * 19)
+    assert found.value == 7.0
+    assert np.isnan([found.low, found.high]).all()
+    assert bootstrap(time, [7.0] * 20) == Estimate(7.0, 7.0, 7.0)
+
+
+@pytest.mark.parametrize(("runs", "rate"), [(30, 0.5), (30, 0.8), (20, 0.8)])
+def test_intervals_of_running_times_cover_what_they_say(runs, rate):
+    """Hits at 0 to 100 evaluations: 50 for a hit, 100 for each miss before it."""
     rng = np.random.default_rng(0)
     time = partial(expected_running_time, budgets=100)
+    expected = 50 + 100 * (1 - rate) / rate
     within = []
     for _ in range(200):
-        hits = np.where(rng.random(30) < 0.5, rng.uniform(0, 100, 30), nan)
+        hits = np.where(rng.random(runs) < rate, rng.uniform(0, 100, runs), nan)
         found = bootstrap(time, hits, resamples=500)
         if not np.isnan(found.low):
-            within.append(found.low <= 50 + 100 <= found.high)
+            within.append(found.low <= expected <= found.high)
     assert len(within) > 150
     assert np.mean(within) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / len(within))
 
