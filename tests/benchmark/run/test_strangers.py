@@ -164,6 +164,24 @@ def test_an_alarm_from_below_ends_nothing(file):
     assert [str(trial.status) for trial in results.items] == ["solved"] * 3
 
 
+@pytest.mark.parametrize(("whom", "status"), [("judge", "solved"), ("server", "crashed")])
+def test_one_that_stops_its_judge_or_the_server_is_not_waited_for_for_ever(
+    file, monkeypatch, whom, status
+):
+    """The server lets a judge go on; where it is stopped too, the run gives up in the end."""
+    monkeypatch.setattr(runner, "MIN_VERIFICATION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(runner, "SLACK_S", 1.0)
+    monkeypatch.setattr(runner, "_END_TIMEOUT_S", 1.0)
+    parent = "os.getppid()"
+    if whom == "server":
+        parent = "int(open(f'/proc/{os.getppid()}/stat').read().rpartition(')')[2].split()[1])"
+    stop = f"os.kill({parent}, signal.SIGSTOP); os.kill(os.getppid(), signal.SIGSTOP)"
+    results = compare([PROBLEM], [file(before=stop)], "r", seeds=1, timeout=2.0)
+    (trial,) = (own for own in results.items if own.planner == "P")
+    assert str(trial.status) == status
+    assert status == "solved" or "killed or stopped" in trial.message
+
+
 def test_what_it_is_comes_as_plain_data(file):
     profile = profiled(f"{file()}:factor=2", [PROBLEM], Allowance())
     assert profile.entrant.label == "P:factor=2.0"

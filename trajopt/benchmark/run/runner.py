@@ -7,12 +7,14 @@ import os
 import pickle
 import platform
 import socket
+import time
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor
 from concurrent.futures import wait as wait_for
 from contextlib import closing, suppress
 from dataclasses import replace
+from math import inf
 from multiprocessing.connection import wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +24,15 @@ import cloudpickle
 
 from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.run import answer, dask, server
-from trajopt.benchmark.run.judge import Ending, Inquiry, JudgeError, Request, judge_here, record
+from trajopt.benchmark.run.judge import (
+    MIN_VERIFICATION_TIMEOUT_S,
+    Ending,
+    Inquiry,
+    JudgeError,
+    Request,
+    judge_here,
+    record,
+)
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.solver import Describe, Surroundings
 from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task, missing
@@ -38,6 +48,7 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.registry import find
 
 IMPORT_TIMEOUT_S = 60.0  # for a stranger's planner to be imported and described
+SLACK_S = 60.0  # beyond the time that a judge has, until it counts as stopped
 _END_TIMEOUT_S = 30.0  # for a judge to end
 _LOOK_INTERVAL_S = 5.0  # between two looks whether an executor has workers
 _MAX_IDLE = 1  # judges that an executor's worker keeps
@@ -98,8 +109,11 @@ class Judges:
                 judge = self._for(request, allowed.jobs)
                 busy[judge] = task, request
                 judge.ask(request)
-            ready = wait([judge.link for judge in busy])
-            for judge in [judge for judge in busy if judge.link in ready]:
+            first = min(judge.deadline for judge in busy)
+            left = None if first == inf else max(0.0, first - time.monotonic())
+            ready = wait([judge.link for judge in busy], left)
+            late = time.monotonic()
+            for judge in [own for own in busy if own.link in ready or own.deadline <= late]:
                 task, request = busy[judge]
                 done = judge.answer()
                 del busy[judge]
@@ -251,6 +265,7 @@ class _Judge:
 
     def __init__(self, source: str | bytes) -> None:
         self.source = source
+        self.deadline = inf  # of the answer, on the monotonic clock
         self.link = server.judge_link()
         self._stream: Any = self.link.makefile("rwb")
         here = Surroundings.here()
@@ -260,18 +275,25 @@ class _Judge:
     def ask(self, request: Request | Inquiry) -> None:
         """Send a request."""
         message = pickle.dumps(request)
+        self.deadline = time.monotonic() + _patience(request)
         with suppress(OSError):  # a judge that died has no answer
             self._stream.write(message)
             self._stream.flush()
 
     def answer(self) -> list[Written] | bytes | Ending | None:
-        """Wait for what was written, or described; None if the judge was killed.
+        """Wait for what was written, or described; None if the judge was killed or stopped.
 
         Raises:
             Exception: What the judge failed at, such as a full disk.
         """
+        left = None if self.deadline == inf else max(0.0, self.deadline - time.monotonic())
+        if not wait([self.link], left):
+            server.wake()
+            return None
+        self.link.settimeout(_END_TIMEOUT_S)  # for the rest of an answer that has begun
         try:
             done = pickle.load(self._stream)
+            self.link.settimeout(None)
         except (EOFError, OSError, pickle.UnpicklingError):
             return None
         if isinstance(done, JudgeError):
@@ -301,10 +323,17 @@ def _end_idle() -> None:
         judge.end()
 
 
+def _patience(request: Request | Inquiry) -> float:
+    """Return how long a judge may take to answer, s: to ask, to verify, and some more."""
+    count = len(request.seeds) if isinstance(request, Request) else 1
+    asking = request.allowed.timeout * count
+    return asking + max(MIN_VERIFICATION_TIMEOUT_S, asking) + SLACK_S
+
+
 def _or_lost(done: list[Written] | bytes | Ending | None, request: Request) -> list[Written]:
     if isinstance(done, list):
         return done
-    message = "the process that judged it was killed, perhaps by the planner"
+    message = "the process that judged it was killed or stopped, perhaps by the planner"
     return record(request, Status.CRASHED, message)
 
 

@@ -92,6 +92,14 @@ def judge_link() -> socket.socket:
     return mine
 
 
+def wake() -> None:
+    """Let the server go on, if a planner has stopped it."""
+    with _lock:
+        for own in _servers[-1:]:
+            if own.is_usable:
+                own.process.send_signal(signal.SIGCONT)
+
+
 def serve(descriptor: int) -> NoReturn:
     """Fork a judge for each descriptor that arrives, in the server, until the run hangs up."""
     from trajopt.benchmark.provenance import provenance
