@@ -323,3 +323,43 @@ def test_a_continuous_joint_takes_the_nearest_way(run):
     code, out, err = run(f"{line} --no-unwrap")
     assert json.loads(out)["certified_duration"] == pytest.approx(6 / 2 + 2 / 4)
     assert "nearest" not in err
+
+
+# --- questions of others ---
+
+
+def problem(more="", **limits):
+    said = "".join(f"{key} = {value}\n" for key, value in limits.items())
+    return f'angle_unit = "rad"\n{more}\n[limits]\n{said}'
+
+
+@pytest.mark.parametrize("velocity", ["[[0, 1]]", "[[0.0, 1]]"])
+def test_a_joint_that_may_only_move_forward(run, velocity):
+    """FT5-11: h / v + v / a; no way back is planned, and one that goes back breaks its limit."""
+    text = problem("waypoints = [[0], [0.5], [2]]", velocity=velocity, acceleration="[2]")
+    code, out, _ = run("plan p.toml --json", p__toml=text)
+    assert code == 0
+    assert json.loads(out)["certified_duration"] == pytest.approx(2.5, rel=1e-7)
+    back = text.replace("[0.5]", "[-0.5]")
+    code, out, _ = run("plan p.toml --json", p__toml=back)
+    assert code == 1 or json.loads(out)["certified_duration"] > 1e6
+    code, _, err = run("plan p.toml", p__toml=text.replace(velocity, "[[0, 0]]"))
+    assert (code, "expected a positive number, or low < 0 < high" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("jerk", "start", "time", "way"),
+    [
+        ("", 1.5, 0.25, 0.3125),  # 0.5 / 2, and 1.25 rad/s all that time
+        ("[8]", 1.5, 0.5, 0.625),  # 2 √(0.5 / 8), just reaching 2 rad/s²
+        ("[8]", 2.0, 0.75, 1.125),  # 1 / 2 + 2 / 8
+    ],
+)
+def test_a_start_beyond_a_limit_is_told_how_it_brakes(run, jerk, start, time, way):
+    """FT5-12."""
+    more = f"waypoints = [[0], [9]]\nstart_velocity = [{start}]"
+    limits = {"velocity": "[1]", "acceleration": "[2]"} | ({"jerk": jerk} if jerk else {})
+    code, out, _ = run("plan p.toml", p__toml=problem(more, **limits))
+    assert code == 1
+    words = f"is beyond its limit, 1 rad/s: it brakes to it in {time:g} s and {way:g} rad at least"
+    assert words in " ".join(out.split())

@@ -619,10 +619,10 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
             "current_acceleration",
             "in this tool; the nearest is start_acceleration,",
         ),
-        ("minimum_duration", "in this tool; the nearest is least_times,"),
+        ("minimum_duration", "the nearest is the optimum run slower"),
         ("minimum_time", "in this tool; the nearest is least_times,"),
         ("per_section_minimum_duration", "in this tool; the nearest is least_times,"),
-        ("desired_duration", "a speed is not asked for"),
+        ("desired_duration", "the nearest is the optimum run slower"),
         ("intermediate_positions", "start, goal and the points between them are rows of waypoints"),
         ("per_section_max_velocity", "limits of one segment"),
         (
@@ -647,5 +647,10 @@ def test_arguments_that_nobody_has():
     limits = Limits([1.0], [1.0])
     with pytest.raises(TypeError, match="Problem takes no colour: it has waypoints, limits"):
         Problem([[0.0], [1.0]], limits, colour=1)
+    for names in ("max_velocity", "velocity_limits", "vel_max"):
+        with pytest.raises(InvalidInput, match=f"limits.{names}: expected this left out"):
+            Limits(**{names: [1.0], "acceleration": [1.0]})
+    with pytest.raises(InvalidInput, match=r"limits\.velocity: expected this limit; it is missing"):
+        Limits(acceleration=[1.0])
     with pytest.raises(InvalidInput, match="torques are not in this tool"):
         Limits([1.0], [1.0], torque=[3.0])

@@ -45,6 +45,18 @@ class _Joint(NamedTuple):
         """Return the velocity when the acceleration ends, as early as the jerk limit allows."""
         return self.velocity + max(self.acceleration, 0.0) ** 2 / (2 * self.easing)
 
+    def braking_to(self, velocity: float) -> tuple[float, float]:
+        """Return the least time and distance in which it brakes to a lower velocity.
+
+        Where the jerk is limited, the acceleration is 0 before and after.
+        """
+        less = self.velocity - velocity
+        t = less / self.braking
+        if np.isfinite(self.easing):
+            ramp = self.braking / self.easing
+            t = t + ramp if less >= self.braking * ramp else 2 * float(np.sqrt(less / self.easing))
+        return t, t * (self.velocity + velocity) / 2
+
     @property
     def way(self) -> float:
         """Return the least distance in which the joint stops; 0 where it does not move upwards."""
@@ -90,7 +102,14 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
     unit, per_s, per_s2 = (problem.unit(number, order) for order in range(3))
     verb = "ends" if is_end else "starts"
     if own.velocity > own.fastest * (1 + LIMIT_RTOL):
-        return f"{said} {per_s}, is beyond its limit, {sign * time * own.fastest:.6g} {per_s}"
+        beyond = f"{said} {per_s}, is beyond its limit, {sign * time * own.fastest:.6g} {per_s}"
+        if is_end or acceleration:
+            return beyond
+        t, way = own.braking_to(own.fastest)
+        return (
+            f"{beyond}: it brakes to it in {t:.6g} s and {way:.6g} {unit} at least; plan from the "
+            "state after that"
+        )
     if own.acceleration > own.steepest * (1 + LIMIT_RTOL):
         return (
             f"the {word} acceleration of {problem.joint_labels[number]}, {acceleration:.6g} "

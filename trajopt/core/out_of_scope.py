@@ -56,6 +56,11 @@ _ELSEWHERE = {
         "a wait has a name of its own in this tool; the nearest is dwell, beside the waypoints of "
         "a problem file, a time at rest per waypoint"
     ),
+    r"(minimum|min|least|desired|target|total)_duration|duration|(desired|total)_times?": (
+        "a time of the whole motion is not asked for in this tool; the nearest is the optimum run "
+        "slower: one of T s, slowed down D/T times (`Trajectory.dilated`), takes D s and keeps all "
+        "limits"
+    ),
     r"(per_)?(section_|segment_)?(minimum|min|least)_(section_|segment_)?(durations?|times?)": (
         "least times have a name of their own in this tool; the nearest is least_times, beside the "
         "waypoints of a problem file, a time per segment"
@@ -76,10 +81,7 @@ _ELSEWHERE = {
         "tables [[limits.segment]] of a problem file, each with number (from 1) and velocity, "
         "acceleration or jerk"
     ),
-    (
-        r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|"
-        r"((desired|target|total)_)?duration|(desired|total)_times?"
-    ): _SPEED,
+    (r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override"): _SPEED,
     r"(way_?point_)?times|time_?(points|stamps|from_start)|((section|segment)_)?durations|knots": (
         "the planner finds the times of waypoints; the nearest is given_times, beside the "
         "waypoints of a problem file, a time per segment; or `trajopt judge`, for a motion that "

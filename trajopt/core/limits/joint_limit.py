@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 UNLIMITED = np.array([-np.inf, np.inf])
 
 
+ONE_WAY = 1e-9
+"""Velocity in the direction in which a joint must not move, relative to that in the other."""
+
+
 @dataclass(frozen=True, eq=False)
 class JointLimit(Limit):
     """An interval `[low, high]` for one derivative of each joint.
@@ -253,12 +257,26 @@ class JointLimit(Limit):
 
 
 class Velocity(JointLimit):
-    """Velocity limits, rad/s."""
+    """Velocity limits, rad/s.
+
+    A side of 0 is of a joint that moves one way only. It becomes `ONE_WAY` of the other side: uses
+    are ratios to a limit, and an optimum that never moves back stays the same.
+    """
 
     key = "velocity"
     short = "vel."
     order = degree = 1
     finite = True
+
+    def __post_init__(self) -> None:
+        low, high = self.pairs[..., 0], self.pairs[..., 1]
+        if ((low == 0) != (high == 0)).any():
+            sides = (
+                np.where((low == 0) & (high > 0), -ONE_WAY * high, low),
+                np.where((high == 0) & (low < 0), -ONE_WAY * low, high),
+            )
+            object.__setattr__(self, "pairs", np.stack(sides, axis=-1))
+        super().__post_init__()
 
 
 class Acceleration(JointLimit):

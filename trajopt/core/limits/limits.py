@@ -50,13 +50,18 @@ class Limits:
 
     def __init__(
         self,
-        velocity: ArrayLike | Sequence[Any] | Limit,
-        acceleration: ArrayLike | Sequence[Any] | Limit,
+        velocity: ArrayLike | Sequence[Any] | Limit | None = None,
+        acceleration: ArrayLike | Sequence[Any] | Limit | None = None,
         jerk: ArrayLike | Sequence[Any] | Limit | None = None,
         position: ArrayLike | Sequence[Any] | Limit | None = None,
         others: Any = MappingProxyType({}),
         **by_key: Any,
     ) -> None:
+        for key in by_key:
+            named(key)  # says what another tool's name is called here
+        if velocity is None or acceleration is None:
+            key = "velocity" if velocity is None else "acceleration"
+            raise InvalidInput(f"limits.{key}", "this limit; it is missing")
         if not isinstance(velocity, Limit):
             velocity = Velocity(pairs_of("velocity", velocity))
         joints = len(velocity.bounds)

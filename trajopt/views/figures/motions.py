@@ -81,8 +81,9 @@ def motion(
         column = grid[:, order]
         for joint, axes in zip(joints, column, strict=True):
             _limits(axes, limits[..., joint, :], passing)
+            low, high = _along(limits[..., joint, :], passing, times_of_edges)
             for edge in edges.get((order, joint), ()):
-                within = np.clip(edge, limits[joint].min(), limits[joint].max())
+                within = np.clip(edge, low, high)
                 axes.plot(times_of_edges, within, **_LIMIT)
             for (times, values), look in zip(lines, looks.values(), strict=True):
                 axes.plot(times, values[:, joint], **look)
@@ -113,6 +114,14 @@ def _moving(problem: Problem, trajectory: Trajectory) -> list[int]:
     values = trajectory.pieces(1)
     moves = (np.abs(values).max(axis=(0, 1)) > 0) | (np.ptp(problem.waypoints, axis=0) > 0)
     return [int(joint) for joint in np.flatnonzero(moves)] or list(range(problem.joints))
+
+
+def _along(limits: Array, passing: Array, times: Array) -> Array:
+    """Return the limits at some times, `(2, times)`; of segments, from waypoint to waypoint."""
+    if limits.ndim == 1:
+        return np.repeat(limits[:, None], len(times), axis=1)
+    segments = np.searchsorted(passing, times, side="right") - 1
+    return limits[np.clip(segments, 0, len(limits) - 1)].T
 
 
 def _caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:

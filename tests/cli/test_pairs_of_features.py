@@ -1,0 +1,127 @@
+"""Kinds of limits, demands and outputs, two and three at a time: no traceback, true exit codes."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations_with_replacement, cycle, product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import trajopt
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.views.figures import motions
+
+LIMITS = {
+    "plain": "",
+    "jerk": "jerk = [50, 50]\n",
+    "position": "position = [[-2, 2], [-2, 2]]\n",
+    "falling": "falling_velocity = {offset = [0.1, 0.1], deceleration = [3.0, 3.0], "
+    "position = [[-2, 2], [-2, 2]]}\n",
+    "one way": "",
+    "segment": "[[limits.segment]]\nnumber = 1\nvelocity = [1, 1]\n",
+    "segments": "[[limits.segment]]\nnumber = 2\nacceleration = [3, 3]\n",
+}
+DEMANDS = {
+    "none": "",
+    "tolerance": "tolerance = 0.05\n",
+    "dwell": "dwell = [0, 0.3, 0]\n",
+    "least_times": "least_times = [0, 2]\n",
+    "given_times": "given_times = [2.0, 2.0]\n",
+    "closed": "closed = true\n",
+    "start_velocity": "start_velocity = [0.2, 0]\n",
+}
+CASES = [*product(combinations_with_replacement(LIMITS, 2), DEMANDS)]
+OUTPUTS = ("m.csv", "m.yaml", "m.json", "m.png", "m.svg")
+PLANNED = [*zip(CASES[:: len(CASES) // 10], cycle(OUTPUTS), strict=False)]
+
+
+def problem(kinds, demand):
+    """A problem of two joints and two segments with these kinds of limits and this demand."""
+    rows = (
+        "[[0, 0], [0.5, -0.3], [0, 0]]" if demand == "closed" else "[[0, 0], [0.5, -0.3], [1, 0.2]]"
+    )
+    velocity = "[[0, 2], 2]" if "one way" in kinds and demand != "closed" else "[2, 2]"
+    own = sorted(dict.fromkeys(kinds), key=lambda kind: kind.startswith("segment"))
+    said = "".join(LIMITS[kind] for kind in own)
+    return (
+        f'waypoints = {rows}\nangle_unit = "rad"\n{DEMANDS[demand]}[limits]\n'
+        f"velocity = {velocity}\nacceleration = [4, 4]\n{said}"
+    )
+
+
+def by_line(loaded):
+    """A slow motion at rest at every waypoint, of quintics of 4 s."""
+    times = np.arange(3) * 4.0
+    steps = np.diff(loaded.waypoints, axis=0)
+    shares = np.array([6 / 4**5, -15 / 4**4, 10 / 4**3, 0.0, 0.0, 0.0])
+    coefficients = shares[:, None, None] * steps
+    coefficients[-1] = loaded.waypoints[:-1]
+    return Trajectory(times, coefficients, times)
+
+
+@pytest.mark.parametrize(("kinds", "demand"), [own for own in CASES if "falling" in own[0]])
+def test_a_figure_has_the_limits_that_count(tmp_path, kinds, demand):
+    """The lines drawn are `Limit.edges`, within the limits of the segment at each time."""
+    path = tmp_path / "p.toml"
+    path.write_text(problem(kinds, demand))
+    loaded = Problem.from_toml(path)
+    motion = by_line(loaded)
+    figure = motions.motion(loaded, motion)
+    falling = loaded.limits.kinds["falling_velocity"]
+    for joint in range(2):
+        lines = [line.get_xydata() for line in figure.axes[3 * joint + 1].lines]
+        if loaded.has("jerk"):
+            lines = [line.get_xydata() for line in figure.axes[4 * joint + 1].lines]
+        drawn = [own for own in lines if len(own) == motions.EDGE_SAMPLES]
+        assert len(drawn) >= 2
+        times = drawn[0][:, 0]
+        edges = falling.edges(motion, times)[1, joint]
+        segments = np.minimum((times >= 4.0).astype(int), 1)
+        pairs = loaded.limits.velocity
+        low, high = (pairs[segments, joint] if pairs.ndim == 3 else pairs[[joint] * len(times)]).T
+        for edge in edges:
+            expected = np.clip(edge, low, high)
+            assert any(np.allclose(own[:, 1], expected, atol=1e-12) for own in drawn)
+
+
+KEPT = ("none", "tolerance", "least_times")
+
+
+@pytest.mark.parametrize(("kinds", "demand"), CASES)
+def test_a_slow_motion_of_every_pair_is_judged(tmp_path, kinds, demand):
+    path = tmp_path / "p.toml"
+    path.write_text(problem(kinds, demand))
+    loaded = Problem.from_toml(path)
+    judged = trajopt.judge(loaded, by_line(loaded))
+    table = json.loads(json.dumps(judged.as_dict(), default=str))
+    assert table["feasible"] == judged.certificate.feasible
+    if demand in KEPT:
+        assert judged.certificate.feasible, judged.certificate.flaws
+
+
+@pytest.mark.parametrize(("number", "case"), [*enumerate(CASES[::8])])
+def test_a_motion_of_a_pair_is_judged_by_a_command(run, number, case):
+    """By its problem, and by limits alone."""
+    kinds, demand = case
+    Path("p.toml").write_text(problem(kinds, demand))
+    slow = by_line(Problem.from_toml(Path("p.toml")))
+    breaks, coefficients = slow.breaks.tolist(), slow.coefficients.tolist()
+    text = json.dumps({"breaks": breaks, "coefficients": coefficients})
+    line = ("judge m.json p.toml", "verify m.json --limits p.toml")[number % 2]
+    code, out, err = run(f"{line} --json", m__json=text)
+    if number % 2 and any(kind.startswith("segment") for kind in kinds):
+        assert (code, "`trajopt judge MOTION PROBLEM` knows the segments" in err) == (2, True)
+    elif demand in KEPT:
+        assert (code, json.loads(out)["feasible"]) == (0, True), err
+    else:
+        assert code in (0, 1), err
+
+
+@pytest.mark.parametrize(("case", "output"), PLANNED)
+def test_a_plan_of_a_pair_is_written(run, case, output):
+    code, _, err = run(f"plan p.toml --out {output}", p__toml=problem(*case))
+    assert code in (0, 1), err
+    assert (code == 0) == Path(output).exists(), err
