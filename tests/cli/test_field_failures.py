@@ -647,7 +647,7 @@ def test_arguments_that_nobody_has():
     limits = Limits([1.0], [1.0])
     with pytest.raises(TypeError, match="Problem takes no colour: it has waypoints, limits"):
         Problem([[0.0], [1.0]], limits, colour=1)
-    for names in ("max_velocity", "velocity_limits", "vel_max"):
+    for names in ("max_velocity", "velocity_limits", "v_max"):
         with pytest.raises(InvalidInput, match=f"limits.{names}: expected this left out"):
             Limits(**{names: [1.0], "acceleration": [1.0]})
     with pytest.raises(InvalidInput, match=r"limits\.velocity: expected this limit; it is missing"):
