@@ -51,11 +51,12 @@ def run(name, duration, bound=None):
 def recorded(monkeypatch):
     """A registry in which the toy problem's best known motion takes 1.4 s, proved to 1.3 s."""
 
-    def known(duration, bound):
+    def known(duration, bound, *, proves=True):
         by = Origin("theirs", "1.0", "2026-11-22")
         record = made(PROBLEM, Fixed(duration, bound).solve(PROBLEM), by, by)
         own = {PROBLEM.digest(): record}
         monkeypatch.setattr(records, "find", lambda problem: own.get(problem.digest()))
+        monkeypatch.setattr(records, "bound", lambda problem: bound if proves else None)
 
     return known
 
@@ -84,6 +85,13 @@ def test_the_higher_of_two_proofs_counts(recorded):
     assert lower.references().iloc[0].tolist()[2:] == [1.3, "", "theirs 1.0, 2026-11-22"]
     higher = Results([*run("exact", 1.5), *run("prove", None, bound=1.4)])
     assert higher.references().iloc[0].tolist()[2:] == [1.4, "", ""]
+
+
+def test_a_recorded_bound_that_nothing_proves_is_none(recorded):
+    recorded(1.5, 1.3, proves=False)
+    found = Results(run("mine", 2.8)).references().iloc[0]
+    assert np.isnan(found["proved"])
+    assert found["recorded_proof"] == ""
 
 
 def test_an_answer_below_the_record_is_an_improvement_once(recorded):
