@@ -102,4 +102,4 @@ def test_two_planners_of_one_name_are_refused(tmp_path):
     with pytest.raises(InvalidInput, match="a name of its own"):
         compare([PROBLEM], [first, second], tmp_path / "results")
     found = compare([PROBLEM], [("a", second), ("b", second)], tmp_path / "results", seeds=1)
-    assert set(found.summary()["label"]) == {"a", "b", "exact"}
+    assert set(found.summary()["label"]) == {"a", "b"}
