@@ -16,7 +16,7 @@ from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
-from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed, Writing
+from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed, Timeout, Writing
 from trajopt.cli.plan import print_trial
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -42,6 +42,7 @@ def explain(
         Parameter(help=f"Seed of a stochastic planner; by default its median run of {RUNS}."),
     ] = None,
     output: Writing[Path] = Path("results/explain"),
+    timeout: Timeout = 600.0,
     json: Json = False,
 ) -> int:
     """Say what a planner's gap is made of, and which limits hold it back.
@@ -50,7 +51,7 @@ def explain(
         output: Folder for the figures.
     """
     asked_for = asked.problem(problem, robot, scaled=True)
-    with closing(Supervised(planner, asked_for, cpus())) as chosen:
+    with closing(Supervised(planner, asked_for, cpus(), timeout)) as chosen:
         return _explain(chosen, asked_for, problem, seed, output, json)
 
 

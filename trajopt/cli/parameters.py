@@ -76,6 +76,10 @@ PlannerSpec = Annotated[
 Seed = Annotated[
     int, whole_number("Seed of the random stream of stochastic planners.", least=0, most=_MAX_SEED)
 ]
+Timeout = Annotated[
+    float,
+    number("Seconds after which the planner is stopped.", least=1, most=MAX_SECONDS),
+]
 Json = Annotated[
     bool,
     Parameter(help="Print one JSON object and nothing else.", group=WRITING, show_default=False),

@@ -19,7 +19,7 @@ from trajopt.best_planner import best
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences
-from trajopt.cli.parameters import WRITING, Json, ProblemName, Seed, Writing, number
+from trajopt.cli.parameters import WRITING, Json, ProblemName, Seed, Timeout, Writing, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -65,6 +65,7 @@ def plan(
             name="--as", help="A ROS message, or a FollowJointTrajectory goal.", group=WRITING
         ),
     ] = "message",
+    timeout: Timeout = 600.0,
     json: Json = False,
 ) -> int:
     """Run one planner on one problem and verify its answer.
@@ -90,7 +91,7 @@ def plan(
             found = best(asked_for, seed, _PROOF_TIME_S)
             trial = found.trial
         else:
-            with closing(Supervised(planner, asked_for)) as chosen:
+            with closing(Supervised(planner, asked_for, timeout=timeout)) as chosen:
                 (trial,) = chosen.trials(asked_for, [seed])
     names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
     table = names | trial.as_dict() | (found.as_dict() if found else {})

@@ -182,6 +182,16 @@ def test_one_that_stops_its_judge_or_the_server_is_not_waited_for_for_ever(
     assert status == "solved" or "killed or stopped" in trial.message
 
 
+@pytest.mark.parametrize("command", ["plan", "explain"])
+def test_one_that_hangs_in_plan_or_explain_is_stopped(file, capsys, command):
+    hanging = file(before="time.sleep(600)")
+    extra = ["--seed", "0"] if command == "explain" else []
+    with pytest.raises(SystemExit) as stop:
+        main([command, "one-joint", "--planner", hanging, "--timeout", "1", *extra])
+    assert stop.value.code == 1
+    assert "stopped after 1 s" in capsys.readouterr().out
+
+
 def test_what_it_is_comes_as_plain_data(file):
     profile = profiled(f"{file()}:factor=2", [PROBLEM], Allowance())
     assert profile.entrant.label == "P:factor=2.0"

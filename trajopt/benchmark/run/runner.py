@@ -228,10 +228,13 @@ class Supervised(Planner):
         contestant: A planner, a spec, or a pair of a name and a planner.
         problem: That it will be asked first.
         jobs: How many trials run side by side.
+        timeout: Wall time of a trial, s, after which it is stopped.
     """
 
-    def __init__(self, contestant: object, problem: Problem, jobs: int = 1) -> None:
-        self._allowed = Allowance(jobs=jobs, isolation=OWN_PROCESS, echo=True)
+    def __init__(
+        self, contestant: object, problem: Problem, jobs: int = 1, timeout: float = inf
+    ) -> None:
+        self._allowed = Allowance(timeout, jobs=jobs, isolation=OWN_PROCESS, echo=True)
         if not HAS_JUDGES:
             self._allowed = Allowance()
         self.profile = profiled(contestant, [problem], self._allowed)
