@@ -37,7 +37,7 @@ from experiments.logs import Phases, Truth
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.formats.digits import half_digits
-from trajopt.judging.evidence import Evidence, evidence
+from trajopt.judging.evidence import KEPT_RTOL, Evidence, evidence
 from trajopt.judging.log_joint import Log
 from trajopt.judging.turns import unwrapped
 
@@ -322,7 +322,7 @@ def numbers_differ(found: Evidence) -> str:
                 return f"{told} {proof}"
     shares = [told.at_least for told in found.limits.values()]
     by_one = any(proof.limit for proof in found.convictions)  # not by all limits together
-    if (max(shares) > 1) != by_one and found.verdict != "cannot be told":
+    if (max(shares) > 1 + KEPT_RTOL) != by_one and found.verdict != "cannot be told":
         return f"{found.verdict} {shares}"
     table = found.as_dict()
     for name, told in found.limits.items():

@@ -10,7 +10,7 @@ import numpy as np
 from trajopt.cli import console
 from trajopt.core.limits import KINDS
 from trajopt.judgement import Execution
-from trajopt.judging.evidence import Conviction, Evidence
+from trajopt.judging.evidence import KEPT_RTOL, Conviction, Evidence
 from trajopt.judging.log_windows import EXCESS
 from trajopt.judging.premise import HIDDEN_NOISE, NOISE_DOUBT, Premise
 
@@ -171,7 +171,7 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
             )
     elif found.motion is None:
         yield "No motion within these widths was found, and no proof that there is none."
-    elif any(own.uses is not None and own.uses > 1.001 for own in found.limits.values()):
+    elif any(own.uses is not None and own.uses > 1 + KEPT_RTOL for own in found.limits.values()):
         yield (
             "The best motion that was found within these widths breaks a limit, and there is no "
             "proof that every motion does."
@@ -260,7 +260,7 @@ def _otherwise(found: Evidence) -> str:
     """Say what the other reading of the positions proves, where that differs."""
     other = found.otherwise
     own = max((told.at_least for told in found.limits.values()), default=0.0)
-    broken, other_breaks = found.verdict == "broken", other > 1
+    broken, other_breaks = found.verdict == "broken", other > 1 + KEPT_RTOL
     if broken == other_breaks and not (broken and max(other / own, own / other) > _DIFFERS):
         return ""
     if found.log.commanded:

@@ -31,12 +31,13 @@ from trajopt.judging import log_windows, tube_proof
 from trajopt.judging.log_joint import RATES, Joint, Log, joined, joints_of, premise_of
 from trajopt.judging.log_velocities import NO_READINGS
 from trajopt.judging.lost_rows import Lost, lost_rows
-from trajopt.judging.tube import BROKEN_RTOL, TubeAnswer
+from trajopt.judging.tube import TubeAnswer
 
 Verdict = Literal["broken", "kept", "cannot be told"]
 
 KEPT_RTOL = 1e-3
-"""A motion that uses 1 + this share of its limits counts as one that keeps them."""
+"""A motion that uses 1 + this share of its limits counts as one that keeps them, and only a proof
+that every motion uses more convicts."""
 DEFAULT_WINDOW_S = 0.1
 DIGITS_WORTH: dict[LimitName, float] = {"velocity": 3.0, "acceleration": 12.0, "jerk": 24.0}
 """The half widths change a cubic spline's derivative by up to this times half width /
@@ -306,9 +307,9 @@ def _found(own: Joint) -> _MotionFound:
     share = max((bound.share for bound in own.by_positions.values()), default=0.0)
     if own.may_rest(share):
         resting = own.found(rest=True)
-        if resting.high <= 1 + KEPT_RTOL and resting.low <= 1 + BROKEN_RTOL:
+        if resting.high <= 1 + KEPT_RTOL and resting.low <= 1 + KEPT_RTOL:
             return _MotionFound(resting, True, not len(own.beyond_between(resting)))
-        if share > 1 + BROKEN_RTOL and np.isfinite(resting.high):  # a few rows prove it
+        if share > 1 + KEPT_RTOL and np.isfinite(resting.high):  # a few rows prove it
             return _MotionFound(replace(resting, low=0.0, proof=None), True, False)
     free = own.found(rest=False)
     best, at_rest = free, False
@@ -387,7 +388,7 @@ def _conviction(joint: int, own: Joint, found: _MotionFound) -> Conviction | Non
         return Conviction(joint, float(beyond[farthest]), "position", *samples)
     by_rows = [_by_rows(joint, own, name) for name in own.bounds]
     proofs = [proof for proof in by_rows if proof is not None]
-    if not proofs and found.answer.low > 1 + BROKEN_RTOL:
+    if not proofs and found.answer.low > 1 + KEPT_RTOL:
         names = [name for name in RATES[1:] if name in own.bounds]  # `slope` is exact
         by_all = [_by_all(joint, own.alone(name), name) for name in names]
         proofs = [proof for proof in by_all if proof is not None]
@@ -399,7 +400,7 @@ def _conviction(joint: int, own: Joint, found: _MotionFound) -> Conviction | Non
 def _by_rows(joint: int, own: Joint, name: str) -> Conviction | None:
     """Return the proof that a few rows break a limit; None if they do not."""
     bound = own.bounds[name]
-    if bound.share <= 1 + BROKEN_RTOL:
+    if bound.share <= 1 + KEPT_RTOL:
         return None
     rows = list(bound.rows)
     if bound.of_velocities:
@@ -409,17 +410,18 @@ def _by_rows(joint: int, own: Joint, name: str) -> Conviction | None:
     share = bound.share
     if name in RATES:
         share = float(log_windows.proved(*samples, *own.limits[RATES.index(name)]))
-    if share <= 1:
+    if share <= 1 + KEPT_RTOL:
         return None
     return Conviction(joint, share, name, *samples, bound.of_velocities, bound.margin)
 
 
 def _by_all(joint: int, answer: TubeAnswer, name: str | None) -> Conviction | None:
     """Return the proof by all samples together that limits are broken; None if there is none."""
-    if answer.low <= 1 + BROKEN_RTOL or answer.proof is None:
+    if answer.low <= 1 + KEPT_RTOL or answer.proof is None:
         return None
     share = float(tube_proof.proved(answer.proof))
-    return Conviction(joint, share, name, np.array(answer.span)) if share > 1 else None
+    convicts = share > 1 + KEPT_RTOL
+    return Conviction(joint, share, name, np.array(answer.span)) if convicts else None
 
 
 def _with_lost_rows(joints: Sequence[Joint]) -> tuple[Sequence[Lost], list[Joint]]:
