@@ -83,7 +83,7 @@ def test_a_comparison_ends_well_where_its_table_cannot_be_written_as_it_is(
     arguments = ("--planner", "unoptimised:segment_time=0.1", "--jobs", 1, "--output", tmp_path)
     code, out, err = written("compare", "one-joint", *arguments, encoding="ascii")
     assert (code, err) == (0, b"")
-    assert "x 1.33" in out.decode("ascii")
+    assert "and x how much the others" in " ".join(out.decode("ascii").split())
 
 
 def test_errors_are_one_line_in_ascii_too(written):
