@@ -18,7 +18,7 @@ from trials import Stopping, assert_same, edited, solved
 from trajopt import Limits, Problem, Solution, Status, StoreError, Trajectory
 from trajopt.benchmark.store import layout, results_file, trial_text
 from trajopt.benchmark.store.folder import Store, read, rebuilt, save
-from trajopt.benchmark.store.layout import COLUMNS, Best
+from trajopt.benchmark.store.layout import COLUMNS, BestMotion
 from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.trial import trials_of
 from trajopt.judging.verification import certified
@@ -230,7 +230,7 @@ def test_the_best_known_motion_and_bound_stand_beside_the_problem(tmp_path):
     """Rest to rest over 1 rad within 1 rad/s and 2 rad/s² takes 1 + 1/2 s."""
     (trial,) = trials_of(Stopping(3.0), SMALL, [0], "stopping")
     motion = trial.solution.trajectory
-    optimum = {SMALL.digest(): Best(1.5, "exact", 1.25, "exact, seed 0", motion)}
+    optimum = {SMALL.digest(): BestMotion(1.5, "exact", 1.25, "exact, seed 0", motion)}
     content = rebuilt([trial_text.write(trial)], lambda trials: optimum)
     path = tmp_path / "x.h5"
     path.write_bytes(content)

@@ -22,7 +22,7 @@ from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.store import atomic, layout, results_file, trial_text, verdicts
 from trajopt.benchmark.store.document import Malformed
 from trajopt.benchmark.store.layout import Key, References, Table
-from trajopt.benchmark.store.results_file import Entry, Stored, Version
+from trajopt.benchmark.store.results_file import Stored, StoredRow, Version
 from trajopt.benchmark.store.trial_text import WrongSchema
 from trajopt.benchmark.trial import Trial
 from trajopt.core import files
@@ -198,7 +198,7 @@ class Store:
     def _rows(
         self,
         texts: Mapping[str, bytes],
-        kept: Iterable[Entry],
+        kept: Iterable[StoredRow],
         known: Seen,
         references: References | None,
         damaged: OnDamage,
@@ -351,7 +351,7 @@ def _row(trial: Trial, text: bytes) -> tuple[Key, Table]:
 
 
 def _arranged(
-    entries: Mapping[str, Entry],
+    entries: Mapping[str, StoredRow],
     texts: Mapping[str, bytes],
     trials: Mapping[str, Trial],
     references: References | None,
@@ -408,7 +408,7 @@ def rebuilt(
     """
     found: dict[str, bytes] = {}
     trials: dict[str, Trial] = {}
-    entries: dict[str, Entry] = {}
+    entries: dict[str, StoredRow] = {}
     for text in texts:
         trial = verdicts.judged(trial_text.read(text), known.get(text))
         found[trial.id], trials[trial.id] = text, trial

@@ -11,7 +11,7 @@
         best/                         the shortest motion known, and the proved bound
 
 All numbers are in rad, m and s. A trial is a `Table` of one row, made where it is judged
-(`table`); everything else is choosing rows of tables (`Tables.column`). `results_file` writes them.
+(`table`); everything else is choosing rows of tables (`Rows.column`). `results_file` writes them.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ MEANINGS = {
 _ODD = re.compile(r"[%/#\[\]\\\x00-\x1f\x7f]|^\.")
 
 
-class Best(NamedTuple):
+class BestMotion(NamedTuple):
     """What is known of a problem's optimum; durations in s.
 
     Attributes:
@@ -110,7 +110,7 @@ class Best(NamedTuple):
     motion: Trajectory | None = None
 
 
-References = Callable[[Sequence[Trial]], Mapping[str, Best]]
+References = Callable[[Sequence[Trial]], Mapping[str, BestMotion]]
 """Return what is known of each problem, by its digest, given its references' trials."""
 
 
@@ -206,11 +206,11 @@ def _knots(motion: Trajectory | None, problem: Problem) -> dict[str, Column]:
 # --- choosing rows ---
 
 
-class Tables:
+class Rows:
     """Rows of several tables of one problem, in a chosen order.
 
     Args:
-        parts: Tables in memory, or groups of an open file.
+        parts: Rows in memory, or groups of an open file.
         rows: A part and a row of it, for each row.
     """
 

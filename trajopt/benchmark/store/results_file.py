@@ -34,7 +34,7 @@ import numpy as np
 from trajopt.benchmark.store import layout
 from trajopt.benchmark.store.document import Malformed, pack
 from trajopt.benchmark.store.fields import DTYPES, PROVENANCE
-from trajopt.benchmark.store.layout import COLUMNS, MEANINGS, MOTIONS, Best, Key, Tables
+from trajopt.benchmark.store.layout import COLUMNS, MEANINGS, MOTIONS, BestMotion, Key, Rows
 from trajopt.benchmark.store.trial_text import MAX_BYTES, WrongSchema, stated_id
 from trajopt.benchmark.trial import code_in
 from trajopt.core import files
@@ -58,7 +58,7 @@ _JUDGE = "judge"  # attribute: digest of the code that judged
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
-class Entry(NamedTuple):
+class StoredRow(NamedTuple):
     """A trial's row: in which tables it is, and what orders it there."""
 
     key: Key
@@ -91,20 +91,20 @@ class Stored(NamedTuple):
         best: What is known of each problem, by digest.
     """
 
-    entries: Sequence[Entry]
+    entries: Sequence[StoredRow]
     problems: Mapping[Key, Problem]
-    best: Mapping[str, Best]
+    best: Mapping[str, BestMotion]
 
 
-def entry(key: Key, part: Any, row: int = 0) -> Entry:
+def entry(key: Key, part: Any, row: int = 0) -> StoredRow:
     """Return a row of a problem's table."""
     label, seed, own_id, planner = (
         part["trials"][name][row] for name in ("label", "seed", "id", "planner")
     )
-    return Entry(key, label, int(seed), own_id.decode(), planner.decode(), part, row)
+    return StoredRow(key, label, int(seed), own_id.decode(), planner.decode(), part, row)
 
 
-def version(own: Entry) -> Version:
+def version(own: StoredRow) -> Version:
     """Return which version of a planner a row is of."""
     names = ("label", "planner", "options", "started", "asked", PROVENANCE.name)
     label, planner, options, started, asked, code = (
@@ -114,19 +114,19 @@ def version(own: Entry) -> Version:
     return Version(own.id, label, planner, json.loads(options), code, started, asked)
 
 
-def by_problem(entries: Iterable[Entry]) -> dict[Key, list[Entry]]:
+def by_problem(entries: Iterable[StoredRow]) -> dict[Key, list[StoredRow]]:
     """Return the rows of each problem in the order of the file: by label, seed and identity."""
-    found: dict[Key, list[Entry]] = {}
+    found: dict[Key, list[StoredRow]] = {}
     for own in sorted(entries, key=lambda own: (own.key, own.label, own.seed, own.id)):
         found.setdefault(own.key, []).append(own)
     return found
 
 
-def _tables(entries: Sequence[Entry]) -> Tables:
+def _tables(entries: Sequence[StoredRow]) -> Rows:
     """Return the rows of one problem."""
     parts: dict[int, Any] = {id(own.part): own.part for own in entries}
     places = {part: place for place, part in enumerate(parts)}
-    return Tables(list(parts.values()), [(places[id(own.part)], own.row) for own in entries])
+    return Rows(list(parts.values()), [(places[id(own.part)], own.row) for own in entries])
 
 
 # --- writing ---
@@ -162,7 +162,7 @@ def content(stored: Stored, judge: str) -> bytes:
 
 
 def _write_trials(
-    file: Any, rows: Mapping[Key, Tables], best: Mapping[str, Best], names: Mapping[Key, str]
+    file: Any, rows: Mapping[Key, Rows], best: Mapping[str, BestMotion], names: Mapping[Key, str]
 ) -> None:
     """Write what has a row for every trial."""
     made = {"problem", "reference", "gap", "code", "row"}
@@ -219,7 +219,7 @@ def _ascii(unit: str) -> str:
     return unit.replace("²", "^2").replace("³", "^3")
 
 
-def _write_tables(place: Any, rows: Tables, problem: Problem) -> None:
+def _write_tables(place: Any, rows: Rows, problem: Problem) -> None:
     times = rows.column("", "waypoint_times")
     _put(place, "waypoint_times", times, "s", MEANINGS["waypoint_times"])
     for name, unit in (("joint", "1"), ("time", "s"), ("value", "1")):
@@ -234,7 +234,7 @@ def _write_tables(place: Any, rows: Tables, problem: Problem) -> None:
         place[name].attrs["description"] = MEANINGS[name]
 
 
-def _write_ragged(place: Any, group: str, rows: Tables, units: Mapping[str, str]) -> None:
+def _write_ragged(place: Any, group: str, rows: Rows, units: Mapping[str, str]) -> None:
     count = rows.column(group, "count").astype(np.int64)
     _put(place, "start", np.cumsum(count) - count, "1", MEANINGS["start"])
     _put(place, "count", count, "1", MEANINGS["count"])
@@ -242,7 +242,7 @@ def _write_ragged(place: Any, group: str, rows: Tables, units: Mapping[str, str]
         _put(place, name, rows.column(group, name), unit, MEANINGS[name])
 
 
-def _write_best(place: Any, best: Best, problem: Problem) -> None:
+def _write_best(place: Any, best: BestMotion, problem: Problem) -> None:
     place.attrs["description"] = MEANINGS["best"]
     for name in ("duration", "kind", "lower_bound", "source"):
         place.attrs[name] = getattr(best, name)
@@ -319,7 +319,7 @@ def check_schema(path: Path) -> None:
 
 
 @contextmanager
-def product(path: Path, judge: str) -> Iterator[list[tuple[Entry, bytes]]]:
+def product(path: Path, judge: str) -> Iterator[list[tuple[StoredRow, bytes]]]:
     """Yield the rows of a file, each with its text, for the next file.
 
     They are as trustworthy as the file itself: `verify` finds what was forged.

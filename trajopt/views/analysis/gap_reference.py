@@ -16,7 +16,7 @@ from typing import Literal
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_WITHIN
-from trajopt.benchmark.store.layout import Best
+from trajopt.benchmark.store.layout import BestMotion
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROVERS, REFERENCES
@@ -65,14 +65,14 @@ def references(trials: Iterable[Trial]) -> dict[str, Reference]:
     return found
 
 
-def best(trials: Iterable[Trial]) -> dict[str, Best]:
+def best(trials: Iterable[Trial]) -> dict[str, BestMotion]:
     """Return what is known of every problem's optimum, of newest trials, by its digest."""
     shown = newest(trials).trials
     own = by_problem(shown)
     return {digest: _best(known, own[digest]) for digest, known in references(shown).items()}
 
 
-def _best(known: Reference, trials: Sequence[Trial]) -> Best:
+def _best(known: Reference, trials: Sequence[Trial]) -> BestMotion:
     """Return a reference with its motion."""
     source, motion = "", None
     if known.kind == "best known":
@@ -82,7 +82,7 @@ def _best(known: Reference, trials: Sequence[Trial]) -> Best:
         shortest = min(optima, key=lambda trial: (_duration(trial), trial.label, trial.id))
         source = f"{shortest.label}, seed {shortest.seed}"
         motion = shortest.certified_trajectory
-    return Best(known.duration, known.kind, known.proved, source, motion)
+    return BestMotion(known.duration, known.kind, known.proved, source, motion)
 
 
 def improvements(trials: Iterable[Trial]) -> list[Trial]:
