@@ -111,7 +111,7 @@ def judge(
     _print(found)
     if told is not found:
         console.paragraph(f"{_unlike(told, found)}: {_mended(told.certificate)}")
-    for sentence in _durations(told):
+    for sentence in _durations(told, second=told is not found):
         console.paragraph(sentence)
     if explanation is not None:
         slowed = told.certificate.dilation > 1 and not told.certificate.feasible
@@ -138,10 +138,10 @@ def _unlike(told: Judgement, found: Judgement) -> str:
     return " and ".join(parts)
 
 
-def _durations(told: Judgement) -> Iterator[str]:
-    """Say how the duration compares with the optimum; of a motion that stands, without it too."""
+def _durations(told: Judgement, *, second: bool) -> Iterator[str]:
+    """Say how the duration compares with the optimum: of a second verdict, and without standing."""
     gap, certified, stands = told.gap, told.certified_duration, told.standing
-    if gap is None or certified is None or not (stands or told.tolerance_needed):
+    if gap is None or certified is None or not (stands or (second and told.tolerance_needed)):
         return
     if not stands:
         yield f"That takes {1 + gap:.4g} times the optimum through these points."

@@ -62,7 +62,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import text_at
-from trajopt.core.keys import Key
+from trajopt.core.keys import Key, Keys
 from trajopt.core.limits import KINDS, Limit, Limits, segment_tables
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
@@ -83,10 +83,6 @@ KEYS = {
     "published": Key(keys.table, "what was published for it"),
 }
 """The keys of a problem file."""
-LIMIT_KEYS = {key: Key(keys.anything, kind.name()) for key, kind in KINDS.items()} | {
-    segment_tables.KEY: Key(keys.anything, "limits of one segment")
-}
-"""The keys of its limits."""
 UNITS_KEYS = {
     "waypoints": Key(keys.anything, "the unit of waypoints, or one per joint"),
     "limits": Key(keys.anything, "the unit of limits, or one per joint"),
@@ -121,6 +117,12 @@ def units(path: Path) -> list[str]:
     return _units(said, waypoint_table(table["waypoints"]).shape[1])["waypoints"]
 
 
+def limit_keys() -> Keys:
+    """Return the keys of its limits: each kind that there is now, a new one too."""
+    kinds = {key: Key(keys.anything, kind.name()) for key, kind in KINDS.items()}
+    return {**kinds, segment_tables.KEY: Key(keys.anything, "limits of one segment")}
+
+
 def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem]) -> Problem:
     arm = _arm(table)
     required = ("waypoints",) if arm else ("limits", "waypoints")
@@ -132,8 +134,9 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     if not isinstance(given, Mapping):
         raise InvalidInput("limits", "a table of limits", value=given)
     needed = () if arm else ("acceleration", "velocity")
-    of_limits = keys.unread("limits.", given, LIMIT_KEYS, needed, strictness="ours")
-    given = {key: value for key, value in given.items() if key in LIMIT_KEYS}
+    known = limit_keys()
+    of_limits = keys.unread("limits.", given, known, needed, strictness="ours")
+    given = {key: value for key, value in given.items() if key in known}
     keys.note_unread(path.name, [*others, *(f"limits.{key}" for key in of_limits)])
     waypoints = waypoint_table(table["waypoints"])
     demands = {
