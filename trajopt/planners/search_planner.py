@@ -108,7 +108,7 @@ def optimiser(
         others: None; a word of other tools is answered with ours.
 
     Returns:
-        A planner for `trajopt.compare`, or for `--planner FILE.py:NAME`.
+        A planner for `trajopt.compare`; in a file, for the option `--planner`.
 
     Raises:
         InvalidInput: `search` is neither, or an option has no default.
