@@ -398,20 +398,6 @@ def test_a_planner_that_changes_the_problem_is_judged_on_ours():
     assert trial.certified_duration is None
 
 
-def test_an_installed_package_tells_its_commit(monkeypatch):
-    written = {}
-    package = SimpleNamespace(read_text=written.get)
-    monkeypatch.setattr(provenance, "distribution", lambda name: package)
-    assert provenance._installed_commit() == ""
-    written["direct_url.json"] = (  # the example of PEP 610
-        '{"url": "https://github.com/pypa/pip.git", "vcs_info": {"vcs": "git", '
-        '"requested_revision": "1.3.1", "commit_id": "7921be1537eac1e97bc40179a57f0349c2aee67d"}}'
-    )
-    assert provenance._installed_commit() == "7921be1537eac1e97bc40179a57f0349c2aee67d"
-    written["direct_url.json"] = '{"url": "file:///home/a/b", "dir_info": {}}'
-    assert provenance._installed_commit() == ""
-
-
 def test_the_processor_is_the_one_the_system_names():
     assert provenance.provenance()["cpu"] == provenance._processor()
     known = Path("/proc/cpuinfo")

@@ -25,7 +25,6 @@ import linecache
 import os
 import platform
 import re
-import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -41,6 +40,7 @@ from uuid import uuid4
 
 import numpy as np
 
+from trajopt.benchmark.commit import commit
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.harmless import harmless
 from trajopt.planners.planner import Planner
@@ -89,7 +89,7 @@ def provenance() -> dict[str, str]:
     versions = {name: _version(name) for name in PACKAGES}
     return versions | {
         "python": platform.python_version(),
-        "commit": _commit(),
+        "commit": commit(Path(__file__).resolve().parents[2]),
         "judge_digest": _ours(),
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
         "cpu": _processor(),
@@ -451,35 +451,6 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return ""
-
-
-def _commit() -> str:
-    """The commit of the checkout this runs from, marked if changed, or of the installed package.
-
-    An installer writes down the commit of what it took from version control (PEP 610). For any
-    other installed package it is empty, and the digest tells which code it is.
-    """
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return _installed_commit()
-    describe = ["describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    command = ["git", "-C", str(root), *describe]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip()
-
-
-def _installed_commit() -> str:
-    """The commit that the installer wrote beside this distribution; empty where it did not."""
-    try:
-        written = distribution("mintime").read_text("direct_url.json")
-    except PackageNotFoundError:
-        return ""
-    origin = json.loads(written or "{}")
-    commit = origin.get("vcs_info", {}).get("commit_id", "")
-    return str(commit)
 
 
 def _processor() -> str:
