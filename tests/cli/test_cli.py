@@ -1,5 +1,6 @@
 """The command line as scripts and people meet it: words, keys, exit codes, one-line errors."""
 
+import errno
 import json
 import os
 import re
@@ -779,6 +780,34 @@ def test_report_writes_one_page_that_stands_alone(compared, trajopt):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert (code, "report.html" in out) == (0, True)
     assert 'src="http' not in page
+
+
+def test_report_makes_an_old_results_file_anew_and_says_so(compared, trajopt, tmp_path):
+    folder = shutil.copytree(compared[0], tmp_path / "own")
+    whole = (folder / "results.h5").read_bytes()
+    (folder / "results.h5").write_bytes(b"HDF5 trajopt3" + bytes(32))
+    code, _, err = trajopt("report", folder)
+    assert (code, (folder / "results.h5").read_bytes() == whole) == (0, True)
+    assert err.count("\n") == 1
+    assert "made anew from the trials" in " ".join(err.split())
+    assert trajopt("report", folder)[2] == ""
+
+
+def test_report_of_a_folder_that_may_only_be_read(compared, trajopt, tmp_path, monkeypatch):
+    folder = shutil.copytree(compared[0], tmp_path / "own")
+    (folder / "results.h5").unlink()
+    refused = OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    def replace(temporary, path, own=os.replace):
+        if Path(path).name == "results.h5":
+            raise refused
+        own(temporary, path)
+
+    monkeypatch.setattr(os, "replace", replace)
+    code, _, err = trajopt("report", folder, "--out", tmp_path / "page.html")
+    assert (code, (tmp_path / "page.html").exists()) == (0, True)
+    assert err.count("\n") == 1
+    assert "results.h5: cannot be written: Read-only file system" in err
 
 
 def test_a_mailed_results_file_alone_is_reported_and_exported(trajopt, tmp_path):

@@ -6,9 +6,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
+from trajopt.benchmark.store.folder import Store
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import Writing, beside, whole_number
+from trajopt.core.exceptions import StoreError
 from trajopt.views import report as page
+from trajopt.views.analysis.gap_reference import best
 from trajopt.views.results import Results
 
 
@@ -23,6 +26,8 @@ def report(
     ] = 60,
 ) -> int:
     """Write one self-contained, interactive page about all trials of one or several folders.
+
+    A results.h5 in them that is old, damaged or missing is made anew from the trials.
 
     Args:
         folder: Results folder of a comparison, or its results.h5.
@@ -44,9 +49,20 @@ def report(
             command=f"trajopt report {' '.join(map(str, folders))}",
             trajectories=trajectories,
         )
+        for one in filter(Path.is_dir, folders):
+            _refresh(Store(one))
     megabytes = file.stat().st_size / 1e6
     trials = len(results.items)
     console.line(f"report: {file} ({megabytes:.1f} MB, {trials} trials)")
     if results.left_out:
         console.paragraph(results.newest)
     return 0
+
+
+def _refresh(store: Store) -> None:
+    """Make `results.h5` anew where it is not of the folder's trials, and say so."""
+    try:
+        if store.refresh(best):
+            console.note(f"{store.results}: made anew from the trials")
+    except StoreError as error:  # a folder that others may only read
+        console.note(f"{error}; it is not of the trials in trials/")

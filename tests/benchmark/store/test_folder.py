@@ -15,12 +15,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from trials import assert_same, solved
+from trials import assert_same, edited, solved
 
 from trajopt import Solution, Status, StoreError
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.store import results_file
-from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, recorded
+from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, recorded, save
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +105,32 @@ def test_results_h5_that_holds_everything_is_left_as_it_is_and_another_is_replac
         file.write_bytes(changed)
         os.utime(file, (1e10, 1e10))
         assert results.consolidate().read_bytes() == whole
+
+
+def older(file):
+    file.write_bytes(b"HDF5 trajopt3" + bytes(32))
+
+
+def of_other_code(file):
+    edited(file, lambda own: own.attrs.modify("judge", "0" * 64))
+
+
+def of_fewer_trials(file):
+    save(file, read(file.parent)[0])
+
+
+@pytest.mark.parametrize("stale", [Path.unlink, older, of_other_code, of_fewer_trials])
+def test_a_reader_of_the_folder_refreshes_what_is_not_of_its_trials(tmp_path, trial, stale):
+    store = Store(tmp_path)
+    store.write_all([trial, replace(trial, seed=4)])
+    whole = store.consolidate().read_bytes()
+    stale(store.results)
+    assert store.refresh()
+    assert store.results.read_bytes() == whole
+    assert not store.refresh()
+    (tmp_path / "trials" / f"{0:020x}.json").write_bytes(b"damaged")
+    assert not store.refresh()  # the same file again
+    assert store.results.read_bytes() == whole
 
 
 def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, trial, monkeypatch):

@@ -171,6 +171,30 @@ class Store:
             atomic.write(self.results, rebuild)
         return self.results
 
+    def refresh(self, references: References | None = None) -> bool:
+        """Write `results.h5` anew if it is not of the folder's trials; return whether it was.
+
+        Damaged trials are left out without a word: who reads them warns.
+
+        Raises:
+            StoreError: The disk refuses.
+        """
+        if self._is_current():
+            return False
+        before = _stamp(self.results)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DamagedFile)
+            return _stamp(self.consolidate(references=references)) != before
+
+    def _is_current(self) -> bool:
+        """Return whether `results.h5` has the folder's texts, and this installation's verdicts."""
+        try:
+            with results_file.product(self.results, provenance()["judge_digest"]) as held:
+                texts = {entry.id: text for entry, text in held}
+            return texts == {_id(path): _load(path) for path in _trial_files(self.folder)}
+        except Exception:  # there is none, or none that can be read
+            return False
+
     def _content(self, known: Seen, references: References | None) -> bytes:
         """Return the bytes of `results.h5` for the trials in the folder, without their seal."""
         damaged: list[Damaged] = []
