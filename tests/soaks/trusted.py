@@ -349,12 +349,17 @@ ATTACKS = (
         PLAN,
         lambda own: own.code == 0 and computing(own)[0] >= 0.3 and computing(own)[1] < LIMIT_S,
     ),
-    Attack("solve: prlimit from below", planner(before=_PRLIMIT), COMPARE, exact_is_true),
+    Attack(
+        "solve: prlimit from below",
+        planner(before=_PRLIMIT),
+        COMPARE,
+        lambda own: bad_input(own) and "Too many open files" in own.err,
+    ),
     Attack(
         "solve: SIGALRM to its judge",
         planner(before="os.kill(os.getppid(), signal.SIGALRM)"),
         COMPARE,
-        true_table,
+        lambda own: exact_is_true(own) and "crashed" in own.out,
     ),
     Attack(
         "another distribution registers exact",

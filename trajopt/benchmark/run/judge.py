@@ -16,10 +16,8 @@ import socket
 import sys
 import time
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from types import FrameType
 from typing import Any, NamedTuple, NoReturn
 
 from trajopt.benchmark.run import answer, processes, solver
@@ -45,8 +43,6 @@ _CHUNK_BYTES = 1 << 16  # bytes read at once
 _TAIL_BYTES = 4096  # bytes of a planner's output that are kept
 _TAIL_LINES = 10
 _MEMORY_INTERVAL_S = 0.1  # between two measurements of the memory in use
-MIN_VERIFICATION_TIMEOUT_S = 60.0
-_ALARM_INTERVAL_S = 0.1  # between alarms from the end of the time on
 _EMPTY_QUESTIONS = 3  # number of empty questions; the shortest time is that of asking
 
 
@@ -107,7 +103,6 @@ def serve(link: socket.socket) -> NoReturn:
     """Serve one request after another in a new process until the run hangs up."""
     processes.adopt_orphans()
     processes.seal_memory(True)
-    signal.signal(signal.SIGALRM, signal.SIG_IGN)
     with link.makefile("rwb") as stream:
         around: Surroundings = pickle.load(stream)
         os.environ.clear()
@@ -239,7 +234,6 @@ class _Bench:
         self._solver: _Solver | None = None
         self._asking_time = 0.0  # s, of an empty question
         self._child_ended = processes.wake_on_children()
-        self._limits = processes.limits()
 
     def leave(self) -> NoReturn:
         """End everything that was started, then this process."""
@@ -266,23 +260,19 @@ class _Bench:
         if isinstance(reply, Ending):
             self._clear()
             return record(request, reply.status, _with_output(reply.message, printed))
-        limit = max(MIN_VERIFICATION_TIMEOUT_S, request.allowed.timeout * len(request.seeds))
         try:
-            with _at_most(limit):
-                try:
-                    answers = answer.unpacked(reply, len(request.seeds))
-                except (TimeoutError, MemoryError):
-                    raise
-                except Exception as error:
-                    self._clear()
-                    wrong = f"its process answered what no planner can: {type(error).__name__}"
-                    message = _with_output(f"{wrong}: {error}"[:_TAIL_BYTES], printed)
-                    return record(request, Status.CRASHED, message)
-                solutions = [_explained(solution, printed) for solution in answers.solutions]
-                timed = Answers(solutions, answers.relation, loading_time, wall_time)
-                return judge_here(request, timed, started)
-        except TimeoutError:
-            return record(request, Status.CRASHED, f"verifying it took more than {limit:g} s")
+            try:
+                answers = answer.unpacked(reply, len(request.seeds))
+            except MemoryError:
+                raise
+            except Exception as error:
+                self._clear()
+                wrong = f"its process answered what no planner can: {type(error).__name__}"
+                message = _with_output(f"{wrong}: {error}"[:_TAIL_BYTES], printed)
+                return record(request, Status.CRASHED, message)
+            solutions = [_explained(solution, printed) for solution in answers.solutions]
+            timed = Answers(solutions, answers.relation, loading_time, wall_time)
+            return judge_here(request, timed, started)
         except MemoryError:
             return record(request, Status.CRASHED, "verifying it took more memory than there is")
 
@@ -364,13 +354,9 @@ class _Bench:
                     return Ending(Status.CRASHED, OUT_OF_MEMORY)
 
     def _printed(self) -> str:
-        """Return the end of the planner's output; end here if limits were lowered from below."""
+        """Return the end of the planner's output."""
         assert self._solver is not None
         self._solver.drain()
-        try:
-            processes.restore_limits(self._limits)
-        except (OSError, ValueError):
-            self.leave()
         return self._solver.last_lines
 
     def _clear(self) -> None:
@@ -402,21 +388,3 @@ def _explained(solution: Solution, printed: str) -> Solution:
     if solution.status is not Status.CRASHED or not printed:
         return solution
     return crash(f"what it printed last:\n{printed}\n\n{solution.message}")
-
-
-@contextmanager
-def _at_most(seconds: float) -> Iterator[None]:
-    """Raise `TimeoutError` in the block when it takes longer; ignore alarms that others send."""
-    end = time.monotonic() + seconds
-
-    def late(sign: int, frame: FrameType | None) -> None:
-        if time.monotonic() >= end:
-            raise TimeoutError
-
-    signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e9), _ALARM_INTERVAL_S)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, signal.SIG_IGN)

@@ -6,7 +6,7 @@ import ctypes
 import os
 import signal
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -33,27 +33,6 @@ def adopt_orphans() -> None:
 def end_with_parent() -> None:
     """Have this process killed when its parent ends (Linux)."""
     _control(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-
-
-def limits() -> dict[int, tuple[int, int]]:
-    """Return this process's limits of resources, by their numbers (Unix)."""
-    import resource  # only Unix has it
-
-    names = [name for name in dir(resource) if name.startswith("RLIMIT_")]
-    return {number: resource.getrlimit(number) for number in (getattr(resource, n) for n in names)}
-
-
-def restore_limits(wanted: Mapping[int, tuple[int, int]]) -> None:
-    """Set limits that another process of this user may have lowered (`prlimit`).
-
-    Raises:
-        ValueError, OSError: One was lowered for good.
-    """
-    import resource  # only Unix has it
-
-    for number, pair in wanted.items():
-        if resource.getrlimit(number) != pair:
-            resource.setrlimit(number, pair)
 
 
 def seal_memory(sealed: bool) -> None:

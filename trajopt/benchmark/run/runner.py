@@ -25,7 +25,6 @@ import cloudpickle
 from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.run import answer, dask, server
 from trajopt.benchmark.run.judge import (
-    MIN_VERIFICATION_TIMEOUT_S,
     Ending,
     Inquiry,
     JudgeError,
@@ -48,8 +47,10 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.registry import find
 
 IMPORT_TIMEOUT_S = 60.0  # for a stranger's planner to be imported and described
-SLACK_S = 60.0  # beyond the time that a judge has, until it counts as stopped
+MIN_JUDGING_TIMEOUT_S = 120.0  # beyond the time of the trials that a judge asks for
 _END_TIMEOUT_S = 30.0  # for a judge to end
+_KILLED = "the process that judged it was killed, perhaps by the planner"
+_NEVER = "the process that judged it took too long, or was stopped, perhaps by the planner"
 _LOOK_INTERVAL_S = 5.0  # between two looks whether an executor has workers
 _MAX_IDLE = 1  # judges that an executor's worker keeps
 
@@ -117,10 +118,10 @@ class Judges:
                 task, request = busy[judge]
                 done = judge.answer()
                 del busy[judge]
-                if done is None:
-                    judge.end()
-                else:
+                if isinstance(done, list):
                     self._idle.append(judge)
+                else:
+                    judge.end()
                 yield Finished(task, _or_lost(done, request))
 
     def _for(self, request: Request, jobs: int) -> _Judge:
@@ -184,10 +185,10 @@ def supervised(request: Request) -> list[Written]:
         own.remove(judge)
     judge.ask(request)
     done = judge.answer()
-    if done is None:
-        judge.end()
-    else:
+    if isinstance(done, list):
         own.append(judge)
+    else:
+        judge.end()
     while len(own) > _MAX_IDLE:
         own.pop(0).end()
     return _or_lost(done, request)
@@ -217,8 +218,8 @@ def profiled(contestant: object, problems: Sequence[Problem], allowed: Allowance
         judge.end()
     if isinstance(said, bytes):
         return Profile.read(said, spec)
-    why = said.message if isinstance(said, Ending) else "the process that asked it was killed"
-    raise TrajoptError(f"planner {contestant!r} cannot be loaded: {why}")
+    assert isinstance(said, Ending)
+    raise TrajoptError(f"planner {contestant!r} cannot be loaded: {said.message}")
 
 
 class Supervised(Planner):
@@ -283,22 +284,21 @@ class _Judge:
             self._stream.write(message)
             self._stream.flush()
 
-    def answer(self) -> list[Written] | bytes | Ending | None:
-        """Wait for what was written, or described; None if the judge was killed or stopped.
+    def answer(self) -> list[Written] | bytes | Ending:
+        """Wait for what was written, or described, or how the judge ended without an answer.
 
         Raises:
             Exception: What the judge failed at, such as a full disk.
         """
         left = None if self.deadline == inf else max(0.0, self.deadline - time.monotonic())
         if not wait([self.link], left):
-            server.wake()
-            return None
+            return Ending(Status.CRASHED, _NEVER)
         self.link.settimeout(_END_TIMEOUT_S)  # for the rest of an answer that has begun
         try:
             done = pickle.load(self._stream)
             self.link.settimeout(None)
         except (EOFError, OSError, pickle.UnpicklingError):
-            return None
+            return Ending(Status.CRASHED, _KILLED)
         if isinstance(done, JudgeError):
             raise done.error
         answer: list[Written] | bytes | Ending = done
@@ -327,17 +327,17 @@ def _end_idle() -> None:
 
 
 def _patience(request: Request | Inquiry) -> float:
-    """Return how long a judge may take to answer, s: to ask, to verify, and some more."""
+    """Return how long a judge may take to answer, s: to ask, and to judge."""
     count = len(request.seeds) if isinstance(request, Request) else 1
     asking = request.allowed.timeout * count
-    return asking + max(MIN_VERIFICATION_TIMEOUT_S, asking) + SLACK_S
+    return asking + max(MIN_JUDGING_TIMEOUT_S, asking)
 
 
-def _or_lost(done: list[Written] | bytes | Ending | None, request: Request) -> list[Written]:
-    if isinstance(done, list):
-        return done
-    message = "the process that judged it was killed or stopped, perhaps by the planner"
-    return record(request, Status.CRASHED, message)
+def _or_lost(done: list[Written] | bytes | Ending, request: Request) -> list[Written]:
+    if isinstance(done, Ending):
+        return record(request, done.status, done.message)
+    assert isinstance(done, list)
+    return done
 
 
 def _requests(

@@ -3,9 +3,8 @@
 It is not safe to fork a process that runs threads or has loaded solvers. The server has done
 neither, and forks a judge in milliseconds, where a fresh interpreter takes half a second. It
 imports this package from where the run does, all else as a fresh interpreter, and only then from
-the run's other folders: a `json.py` beside a script hides nothing. Each judge begins with the
-limits that the server began with. When the run ends, in whatever way, the server kills all judges
-and everything that planners started.
+the run's other folders: a `json.py` beside a script hides nothing. When the run ends, in whatever
+way, the server kills all judges and everything that planners started.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import socket
 import subprocess
 import sys
 import threading
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
@@ -71,6 +69,7 @@ class _Server:
         self.control.close()
         if self.owner != os.getpid():
             return
+        self.process.send_signal(signal.SIGCONT)
         try:
             self.process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
@@ -88,16 +87,9 @@ def judge_link() -> socket.socket:
     with _lock, theirs:
         if not _servers or not _servers[-1].is_usable:
             _servers.append(_Server())
+        _servers[-1].process.send_signal(signal.SIGCONT)  # a planner may have stopped it
         socket.send_fds(_servers[-1].control, [b"\0"], [theirs.fileno()])
     return mine
-
-
-def wake() -> None:
-    """Let the server go on, if a planner has stopped it."""
-    with _lock:
-        for own in _servers[-1:]:
-            if own.is_usable:
-                own.process.send_signal(signal.SIGCONT)
 
 
 def serve(descriptor: int) -> NoReturn:
@@ -108,7 +100,6 @@ def serve(descriptor: int) -> NoReturn:
     for name in _LOADED:
         import_module(name)
     provenance()  # runs git: once here, for all judges
-    limits = processes.limits()
     gc.freeze()  # else garbage collection would copy every page in every judge
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     processes.adopt_orphans()
@@ -122,9 +113,6 @@ def serve(descriptor: int) -> NoReturn:
             os.read(child_ended, 4096)
             judges -= processes.ended().keys()
             processes.end_children(but=judges)  # orphans of a judge that was killed
-            for process in judges:
-                with suppress(ProcessLookupError):
-                    os.kill(process, signal.SIGCONT)  # if a planner stopped it
         if sources[0] in ready:
             message, links, _, _ = socket.recv_fds(control, 1, 1)
             if not message:
@@ -135,7 +123,6 @@ def serve(descriptor: int) -> NoReturn:
                 if process == 0:
                     control.close()
                     try:
-                        processes.restore_limits(limits)
                         judge.serve(socket.socket(fileno=link))
                     finally:
                         os._exit(1)

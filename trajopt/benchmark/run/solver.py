@@ -123,8 +123,7 @@ def _become_own_process() -> None:
     processes.end_with_parent()
     processes.seal_memory(False)
     signal.set_wakeup_fd(-1)
-    for sign in (signal.SIGCHLD, signal.SIGALRM):
-        signal.signal(sign, signal.SIG_DFL)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.setsid()
     loaded = sys.modules.get("numpy.random")  # NumPy 1 loads it itself
