@@ -30,6 +30,7 @@ def optima_together(
     count: int,
     agreeing: int,
     rtol: float = AGREEMENT_RTOL,
+    begun: Sequence[TimedT] = (),
 ) -> list[TimedT]:
     """Return the local optima of several initial guesses.
 
@@ -42,11 +43,12 @@ def optima_together(
         count: largest number of guesses, unless all of them fail.
         agreeing: stop when this many guesses share the shortest duration.
         rtol: durations that differ by less, relative, count as equal.
+        begun: the local optima of the first guesses, where they are known already.
 
     Returns:
         The optima in the order of their guesses.
     """
-    results: list[TimedT] = []
+    results = [*begun]
     remaining = iter(starts)
     while True:
         durations = np.array([result.duration for result in results])

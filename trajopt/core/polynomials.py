@@ -108,7 +108,8 @@ def _to_bernstein(degree: int) -> Array:
 def bernstein(coefficients: Array) -> Array:
     """Bernstein coefficients on `[0, 1]`; the polynomial stays within their range."""
     degree = len(coefficients) - 1
-    return np.tensordot(_to_bernstein(degree), coefficients, axes=1)
+    flat = _to_bernstein(degree) @ coefficients.reshape(degree + 1, -1)
+    return flat.reshape(coefficients.shape)
 
 
 def from_bernstein(controls: Array) -> Array:

@@ -120,7 +120,9 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
     low, high = _box(problem)
     low = np.maximum.reduceat(low, first)
     high = np.minimum.reduceat(high, first)
-    route = problem.route.at(np.diff(index, prepend=-1) > 0)
+    # of the last ones the last is kept: where the motion is closed, it is the first waypoint again
+    kept = np.isin(np.arange(len(index)), [*first[:-1], len(index) - 1])
+    route = problem.route.at(kept)
     demands = {**route.demands, "tolerance": np.maximum(high - low, 0.0) / 2}
     limits = problem.limits.of_segments(np.flatnonzero(~joined))
     try:

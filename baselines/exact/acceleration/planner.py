@@ -124,22 +124,23 @@ class Exact(SeveralStarts):
         def solve_from(starts: Sequence[Guess]) -> list[LocalOptimum]:
             return minimised(scaled, starts)
 
-        beside: list[LocalOptimum] = []
+        known: list[LocalOptimum] = []
+        beside: list[Guess] = []
         if not problem.route.at_rest:
             if self.solver != "ipopt":
-                known = _of_one_segment(scaled)
-                if known is not None:
-                    return self.best_of(scaled, lambda _: [known], iter([None]))
-                beside += _before_gaps(scaled)
-            others = [Guess(*own) for own in gaps.starts(scaled)]
-            beside += solve_from([*others, *guesses.cruising(scaled)])
+                first_time = _of_one_segment(scaled)
+                if first_time is not None:
+                    return self.best_of(scaled, lambda _: [first_time], iter([None]))
+                known = _before_gaps(scaled)
+            beside = [*(Guess(*own) for own in gaps.starts(scaled)), guesses.cruising(scaled)]
         count = (MAX_STARTS_FACTOR if patient else 1) * self.starts
-        stopping, *random = starting_points(scaled, count)
-        purpose = list(guesses.on_purpose(scaled))
+        random = starting_points(scaled, count)
+        stopping = islice(random, 1)
+        purpose = guesses.on_purpose(scaled)
         # a tolerance has its optimum near the chord; without one stopping is next to none
-        first = [*purpose, stopping] if scaled.tolerance.any() else [stopping, *purpose]
-        starts = chain(first, random)
-        return self.best_of(scaled, solve_from, islice(starts, count), beside)
+        first = (purpose, stopping) if scaled.tolerance.any() else (stopping, purpose)
+        starts = islice(chain(*first, random), count)
+        return self.best_of(scaled, solve_from, starts, known, beside)
 
 
 def _solved_near(

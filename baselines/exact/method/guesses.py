@@ -21,7 +21,7 @@ EVERY_SIDE = 10  # guesses where there are tolerances
 _SWEEPS = 20  # towards the chord
 _SIDE = 0.95  # of the half width of a box
 _TIMES = (1.0, 0.5)  # of stopping, from each place
-_CRUISING = (1.1, 1.3, 1.5, 2.0)  # of the times at the velocity limits
+_CRUISING = 1.3  # of the times at the velocity limits
 _BRIEFEST = 1e-3  # of the times of stopping: boxes that overlap leave no way
 _SLOW = 2.0  # further times, from the places between the sides
 
@@ -55,13 +55,12 @@ def on_purpose(scaled: Scaled) -> Iterator[Guess]:
             yield _guess(scaled, side * r, share)
 
 
-def cruising(scaled: Scaled) -> Iterator[Guess]:
-    """Yield the chord a little slower than at the velocity limits, for motions that begin or end in
-    motion: a short segment next to an end is passed at once, and the times of stopping are far.
+def cruising(scaled: Scaled) -> Guess:
+    """Return the chord a little slower than at the velocity limits, for motions that begin or end
+    in motion: a short segment next to an end is passed at once, and the times of stopping are far.
     """
     chord = _chord(scaled)
-    for share in _CRUISING:
-        yield _guess(scaled, chord, share, (_ways(scaled, chord) / scaled.v).max(axis=(0, 2)))
+    return _guess(scaled, chord, _CRUISING, (_ways(scaled, chord) / scaled.v).max(axis=(0, 2)))
 
 
 def _chord(scaled: Scaled) -> Array:

@@ -119,7 +119,8 @@ class SeveralStarts(Planner):
         scaled: Reaching,
         solve: Callable[[Sequence[Start]], list[LocalOptimum]],
         starts: Iterator[Start],
-        beside: Sequence[LocalOptimum] = (),
+        known: Sequence[LocalOptimum] = (),
+        beside: Sequence[Start] = (),
     ) -> Solution:
         """Return the shortest of the local optima, as an answer to the whole problem.
 
@@ -129,12 +130,18 @@ class SeveralStarts(Planner):
             scaled: the problem.
             solve: returns the local optimum of each of some initial guesses.
             starts: the initial guesses, in the order in which they are tried.
-            beside: local optima that are known already, on one side of a gap each. Two that agree
+            known: local optima that are known already, on one side of a gap each. Two that agree
                 say nothing about another side, so they do not count.
+            beside: initial guesses of the same kind, solved with the first of the others at once.
         """
-        if np.isfinite([own.duration for own in beside]).any():
-            starts = islice(starts, self.starts)
-        local = [*beside, *optima_together(solve, starts, self.starts, self.agreeing)]
+        first = list(islice(starts, min(self.agreeing, self.starts))) if beside else []
+        together = solve([*beside, *first]) if beside else []
+        known = [*known, *together[: len(beside)]]
+        if np.isfinite([own.duration for own in known]).any():
+            starts = islice(starts, self.starts - len(first))
+        begun = together[len(beside) :]
+        others = optima_together(solve, starts, self.starts, self.agreeing, begun=begun)
+        local = [*known, *others]
         if not local:
             return Solution(Status.FAILED, message=no_start_succeeded([]))
         durations = np.array([optimum.duration for optimum in local])

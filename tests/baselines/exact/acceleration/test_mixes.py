@@ -74,3 +74,20 @@ def test_a_cut_motion_is_planned_again_as_short(seed, share):
     parts = mixes.halves(whole, solution.trajectory, cut)
     for part, own in zip(parts, (cut, duration - cut), strict=True):
         assert mixes.solved(part)[1] <= own * (1 + 1e-6)
+
+
+def test_a_loop_whose_tolerances_overlap_its_end_is_planned():
+    """Its box of waypoint 5 holds waypoint 6, the first again: once no problem was made of it."""
+    points = np.array([-0.05204787, 0.43142614, -0.31923619, -0.51933366, 0.09636914, -0.05204787])
+    tolerance = np.array([0, 0.226, 0.226, 0.226, 0.226, 0])[:, None]
+    problem = Problem(
+        points[:, None],
+        Limits(velocity=[1.0], acceleration=[2.0]),
+        demands={"closed": True, "tolerance": tolerance},
+    )
+    solution = Exact().solve(problem)
+    assert solution.trajectory is not None
+    # closed form: the way from one side of the boxes to the other and back, turning at both
+    way = (0.43142614 - 0.226) - (-0.51933366 + 0.226)
+    assert solution.trajectory.duration >= 2 * way / 1.0
+    assert verify(problem, solution.trajectory).feasible
