@@ -23,6 +23,7 @@ import numpy as np
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 from trajopt.planners.swarm import Box, Optimiser, Streams
 from trajopt.planners.swarm.optimiser import Search, require
@@ -93,16 +94,20 @@ class CMAES(Evolution):
     def _descent(self, random: Random, dim: int, population: int) -> Run:
         """Run one descent until it has converged; a large population is yielded in batches."""
         options = {"popsize": population, "randn": lambda *shape: random.standard_normal(shape)}
-        strategy = backend("cma", "cma").CMAEvolutionStrategy(
-            random.random(dim), self.sigma0, options | _QUIET
-        )
+        start = random.random(dim)
+        with inside_library():
+            strategy = backend("cma", "cma").CMAEvolutionStrategy(
+                start, self.sigma0, options | _QUIET
+            )
         while not strategy.stop():
-            asked: list[Array] = strategy.ask()
+            with inside_library():
+                asked: list[Array] = strategy.ask()
             told: list[float] = []
             batches = np.reshape(asked, (-1, self.population, dim))
             for batch in batches:
                 told.extend((yield batch))
-            strategy.tell(asked, told)
+            with inside_library():
+                strategy.tell(asked, told)
 
 
 _QUIET: dict[str, Any] = {
@@ -176,19 +181,20 @@ class DE(Evolution):
             seen.append(columns.T.copy())
             return f if len(seen) == 1 else np.full(len(f), np.inf)
 
-        generation = scipy.optimize.differential_evolution(
-            objective,
-            [(0.0, 1.0)] * x.shape[1],
-            init=x,
-            maxiter=1,
-            rng=random,
-            strategy=self.strategy,
-            recombination=self.recombination,
-            vectorized=True,
-            updating="deferred",
-            polish=False,
-            tol=0.0,
-        )
+        with inside_library():
+            generation = scipy.optimize.differential_evolution(
+                objective,
+                [(0.0, 1.0)] * x.shape[1],
+                init=x,
+                maxiter=1,
+                rng=random,
+                strategy=self.strategy,
+                recombination=self.recombination,
+                vectorized=True,
+                updating="deferred",
+                polish=False,
+                tol=0.0,
+            )
         return generation.population, generation.population_energies, seen[1]
 
 

@@ -47,6 +47,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import objective, spline353
 from trajopt.planners.counted import Counted, Late, Spent, compiled
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.objective import CLOSED_FORM, LOWER, UPPER, Fitness
 from trajopt.planners.planner import Planner, backend, raised
 from trajopt.planners.swarm.optimiser import check_choices, require
@@ -132,7 +133,7 @@ class Metaheuristic(Planner):
                 before = counted.spent
                 own_seed = int(np.random.SeedSequence([seed, begun]).generate_state(1)[0] >> 1)
                 begun += 1
-                with _alone(own_seed), _limited(counted.deadline):
+                with _alone(own_seed), _limited(counted.deadline), inside_library():
                     self.search(counted, own_seed)
                 if counted.spent == before:
                     return self._failed(counted, "ends without an evaluation")

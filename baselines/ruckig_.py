@@ -35,6 +35,7 @@ from trajopt.core.limits import LIMIT_NAMES, Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
@@ -292,9 +293,11 @@ class Sections:
     def _solves(self, given: Any, checked: bool) -> bool:
         self.evaluations += 1
         try:
-            if checked and not self._solver.validate_input(given, True, True):
-                return False
-            return self._solver.calculate(given, self._trajectory) in self._success
+            with inside_library():
+                if checked and not self._solver.validate_input(given, True, True):
+                    return False
+                result = self._solver.calculate(given, self._trajectory)
+            return result in self._success
         except self._errors:
             return False
 

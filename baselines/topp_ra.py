@@ -30,6 +30,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import stop_times
@@ -489,13 +490,16 @@ def _path_speeds(
     have the same. `lowest` and `highest` are the speeds allowed at both ends.
     """
     interval = grid.at[[0, -1]]
-    algorithm = backend("toppra").algorithm.TOPPRA(
-        [_constraint(grid, limits)],
-        SimpleNamespace(path_interval=interval),
-        gridpoints=grid.at,
-        solver_wrapper="seidel",
-    )
-    controllable = algorithm.compute_controllable_sets(float(lowest[1]), float(highest[1]))
+    toppra = backend("toppra")
+    constraint = _constraint(grid, limits)
+    with inside_library():
+        algorithm = toppra.algorithm.TOPPRA(
+            [constraint],
+            SimpleNamespace(path_interval=interval),
+            gridpoints=grid.at,
+            solver_wrapper="seidel",
+        )
+        controllable = algorithm.compute_controllable_sets(float(lowest[1]), float(highest[1]))
     if not np.isfinite(controllable).all():
         return None, "the path cannot be followed to its end"
     # the package takes a single end speed; here the whole interval is allowed
@@ -504,7 +508,8 @@ def _path_speeds(
     start = np.clip(highest[0], slowest, fastest)
     if not lowest[0] * (1 - _SPEED_RTOL) <= start <= highest[0] * (1 + _SPEED_RTOL):
         return None, "the path cannot be followed from its velocity at the start"
-    algorithm.compute_parameterization(float(start), 0.0)
+    with inside_library():
+        algorithm.compute_parameterization(float(start), 0.0)
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
         return None, data.return_code.value

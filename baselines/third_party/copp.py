@@ -34,6 +34,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 from trajopt.planners.reductions import OWN_UNITS, reduced
 
@@ -73,24 +74,26 @@ class Copp(Rival):
         for order, derivative in enumerate(derivatives):
             derivative /= scale**order
 
-        robot = copp.Robot(problem.joints, capacity=len(at))
-        robot.append_s(at)
         *up_to_second, third = derivatives
-        robot.set_q(*up_to_second, 0, dddq=third)
         limits = problem.limits
         everywhere = {"start_idx_s": 0, "length": len(at)}
-        robot.add_velocity_limits(*_sides(limits.velocity), **everywhere)
-        robot.add_acceleration_limits(*_sides(limits.acceleration), **everywhere)
         topp2 = copp.solver.topp2_ra
-        problem2 = topp2.Problem(robot.constraints, (0, len(at) - 1), (0.0, 0.0))
-        squared = np.asarray(topp2.solve(problem2))
+        with inside_library():
+            robot = copp.Robot(problem.joints, capacity=len(at))
+            robot.append_s(at)
+            robot.set_q(*up_to_second, 0, dddq=third)
+            robot.add_velocity_limits(*_sides(limits.velocity), **everywhere)
+            robot.add_acceleration_limits(*_sides(limits.acceleration), **everywhere)
+            problem2 = topp2.Problem(robot.constraints, (0, len(at) - 1), (0.0, 0.0))
+            squared = np.asarray(topp2.solve(problem2))
         if not problem.has("jerk"):
             speeds = np.sqrt(squared) / scale
             return timed(grid, speeds, unit.waypoint_times)
 
-        robot.add_jerk_limits(*_sides(limits.jerk), **everywhere)
-        profile = self._third_order(copp, robot, squared)
-        _, times = copp.interpolation.s_to_t_topp3(at, profile)
+        with inside_library():
+            robot.add_jerk_limits(*_sides(limits.jerk), **everywhere)
+            profile = self._third_order(copp, robot, squared)
+            _, times = copp.interpolation.s_to_t_topp3(at, profile)
         return _sampled(derivatives, profile, np.asarray(times), grid, unit.waypoint_times)
 
     def _third_order(self, copp: Any, robot: Any, squared: Array) -> Any:
@@ -107,10 +110,11 @@ class Copp(Rival):
 
 def _quintic(problem: Problem, copp: Any) -> Trajectory:
     """Return COPP's own spline through the waypoints, over [0, 1]."""
-    path = copp.Path.from_waypoints(problem.waypoints)
-    first, last = path.s_range
-    knots = np.linspace(first, last, len(problem.waypoints))
-    at = path.evaluate_up_to_2nd(knots)
+    with inside_library():
+        path = copp.Path.from_waypoints(problem.waypoints)
+        first, last = path.s_range
+        knots = np.linspace(first, last, len(problem.waypoints))
+        at = path.evaluate_up_to_2nd(knots)
     return Trajectory.from_samples(
         knots, problem.waypoints, at.dq, at.ddq, interpolation="quintic", waypoint_times=knots
     )

@@ -35,6 +35,7 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 from trajopt.planners.reductions import OWN_UNITS, reduced
 
@@ -82,7 +83,8 @@ class Gcs(Rival):
         graph.AddTimeCost()
         path = [ends[0], *segments, ends[1]]
         vertices = [vertex for part in path for vertex in part.Vertices()]
-        answer, result = graph.SolveConvexRestriction(vertices)
+        with inside_library():
+            answer, result = graph.SolveConvexRestriction(vertices)
         if not result.is_success():
             solver = result.get_solver_id().name()
             return Solution(Status.FAILED, message=f"Drake: {solver} found no curves")

@@ -34,6 +34,7 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 from trajopt.planners.reductions import OWN_UNITS, reduced
 from trajopt.planners.rest_to_rest import stop_times
@@ -78,7 +79,8 @@ class DrakeKto(Rival):
         on_the_way = np.linspace(0.0, 1.0, count)
         guess = [np.interp(on_the_way, shares, column) for column in problem.waypoints.T]
         program.SetInitialGuess(search.control_points(), np.array(guess))
-        result = solvers.Solve(program)
+        with inside_library():
+            result = solvers.Solve(program)
         if not result.is_success():
             solver = result.get_solver_id().name()
             return Solution(Status.FAILED, message=f"Drake: {solver} found no spline")

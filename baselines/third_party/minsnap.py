@@ -35,6 +35,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 from trajopt.planners.reductions import OWN_UNITS, reduced
 
@@ -103,13 +104,14 @@ def spline(
     with warnings.catch_warnings():
         # the package warns of ill-conditioned systems; their results are judged too
         warnings.simplefilter("ignore")
-        found = package.generate_trajectory(
-            waypoints,
-            degree=degree,
-            idx_minimized_orders=order,
-            num_continuous_orders=3,
-            algorithm="closed-form",
-        )
+        with inside_library():
+            found = package.generate_trajectory(
+                waypoints,
+                degree=degree,
+                idx_minimized_orders=order,
+                num_continuous_orders=3,
+                algorithm="closed-form",
+            )
     # (pieces, powers, joints), lowest power first
     coefficients = np.moveaxis(found.coefficients, 0, 1)[::-1]
     return Trajectory(times, coefficients, times)

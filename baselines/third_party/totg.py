@@ -38,6 +38,7 @@ from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 
 # Jerk limit that the package requires and does not use, rad/s³.
@@ -88,7 +89,9 @@ class Totg(Rival):
         jerk = np.full((problem.joints, 2), [-_JERK, _JERK])
         velocity = _narrowed(problem.limits.velocity)
         acceleration = _narrowed(problem.limits.acceleration)
-        if not generation.compute(container, velocity, acceleration, jerk):
+        with inside_library():
+            found = generation.compute(container, velocity, acceleration, jerk)
+        if not found:
             return Solution(Status.FAILED, message="TOTG found no timing")
         own_duration, velocities = _states(program, language)
         motion = _motion(wanted, _rounded(corners), velocities, waypoints)

@@ -60,6 +60,7 @@ KEYS = [
     "evaluations",
     "setup_time",
     "solve_time",
+    "library_time",
     "certificate",
 ]
 KINDS = ["velocity", "acceleration", "jerk", "position", "waypoint", "continuity"]

@@ -116,6 +116,15 @@ class Trial:
         return self.solution.lower_bound
 
     @property
+    def library_time(self) -> float | None:
+        """The part of `solve_time` inside the calls of a library that plans, s; None without one.
+
+        The planner states it, so no more than the whole counts.
+        """
+        stated = self.solution.library_time
+        return None if stated is None else min(stated, self.solve_time)
+
+    @property
     def dilation(self) -> float | None:
         """Return the least dilation that keeps the limits."""
         return self.certificate.dilation if self.certificate else None
@@ -225,6 +234,7 @@ class Trial:
             "evaluations": self.solution.evaluations,
             "setup_time": self.setup_time,
             "solve_time": self.solve_time,
+            "library_time": self.library_time,
             "certificate": self.certificate.as_dict() if self.certificate else None,
         }
 
@@ -521,6 +531,9 @@ def well_formed(answer: Any) -> Solution:
         return crash(f"Solution.trajectory is of degree {degree}, expected at most {DEGREE_MAX}")
     if not is_number(answer.setup_time) or answer.setup_time < 0:
         return crash(f"Solution.setup_time cannot be {_in_a_line(answer.setup_time)}")
+    inside = answer.library_time
+    if inside is not None and (not is_number(inside) or inside < 0):
+        return crash(f"Solution.library_time cannot be {_in_a_line(inside)}")
     bound = answer.lower_bound
     if bound is not None and not is_number(bound):
         return crash(f"Solution.lower_bound cannot be {_in_a_line(bound)}")
@@ -545,5 +558,6 @@ _KINDS: dict[str, Any] = {  # types of a `Solution`'s fields
     "evaluations": Real | None,
     "history": np.ndarray | None,
     "setup_time": Real,
+    "library_time": Real | None,
     "stats": Mapping,
 }

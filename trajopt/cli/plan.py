@@ -211,8 +211,10 @@ def print_trial(trial: Trial, problem: str) -> None:
         None if certified is None else certified.waypoint_times,
         trial.lower_bound,
     )
+    inside = table_cells.seconds(trial.library_time)
+    library = "" if inside == table_cells.MISSING else f" ({inside} s of it in the library)"
     console.paragraph(
-        f"  computing   {trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
+        f"  computing   {trial.solve_time:.3f} s{library}, after {trial.setup_time:.3f} s of setup"
     )
     print_smoothness(trial.smoothness, trial.problem)
     if trial.certificate:

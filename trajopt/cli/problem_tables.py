@@ -12,7 +12,16 @@ from trajopt.views import table_cells
 from trajopt.views.analysis.results import Line
 from trajopt.views.results import Results
 
-_CELLS = ("median", "quartiles", "gap", "kept", "jerk_integral", "evaluations", "solve_time")
+_CELLS = {
+    "median": "median",
+    "quartiles": "quartiles",
+    "gap": "gap %",
+    "kept": "kept",
+    "jerk_integral": "∫jerk²",
+    "evaluations": "evals",
+    "solve_time": "time",
+    "library_time": "library",
+}
 _READINGS = ("timing", "fitness")  # options for what the paper leaves open
 
 
@@ -32,19 +41,24 @@ def show(results: Results) -> None:
 
 
 def _comparison(lines: Sequence[Line]) -> PlainTable:
-    numbers = ("median", "quartiles", "gap %", "kept", "∫jerk²", "evals", "time")
+    cells = {name: heading for name, heading in _CELLS.items() if _is_shown(name, lines)}
     title = f"{lines[0].problem}: certified durations, s"
-    table = console.table("planner", numbers=numbers, title=title)
+    table = console.table("planner", numbers=tuple(cells.values()), title=title)
     for line in lines:
         own = table_cells.of_summary(line)
         if own["dilation"] != table_cells.MISSING:
             own["kept"] += f" {own['dilation']}"
-        shown = [own[name] for name in _CELLS]
+        shown = [own[name] for name in cells]
         table.row(
             console.option_lines(line.label),
             *("" if s == table_cells.MISSING else s for s in shown),
         )
     return table
+
+
+def _is_shown(name: str, lines: Sequence[Line]) -> bool:
+    """Return whether a table has a column: no library's time where no planner wraps one."""
+    return name != "library_time" or not all(isnan(line.library_time) for line in lines)
 
 
 def _why_not_solved(line: Line) -> str:
@@ -82,4 +96,6 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
         f"Kept: share of runs within every limit as claimed{dilated}. ∫jerk²: of the certified "
         "motion, all joints together, SI units; ∞ where acceleration jumps."
     )
+    if _is_shown("library_time", lines):
+        sentences.append(f"Time: of a run, s; library: {table_cells.LIBRARY} (medians).")
     return "\n".join(sentences)

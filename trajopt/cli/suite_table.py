@@ -26,6 +26,7 @@ _CELLS = {
     "there": "there %",
     "worst": "worst %",
     "time": "time s",
+    "library": "library",
 }
 # Columns that are not shown, where all planners support the same problems or do not: what failed
 # is the rest, and why is said below the table.
@@ -47,7 +48,9 @@ def show(results: Results, folder: Path) -> Path | None:
         console.note(f"no report: {error}")
     planners = results.planners()
     paired = planners["there"].nunique() > 1
-    cells = {name: heading for name, heading in _CELLS.items() if name not in _REPLACED[paired]}
+    wraps = bool(planners["library"].notna().any())
+    left_out = (*_REPLACED[paired], *(() if wraps else ("library",)))
+    cells = {name: heading for name, heading in _CELLS.items() if name not in left_out}
     table = console.table("planner", numbers=tuple(cells.values()))
     for row in planners.itertuples():
         own = table_cells.of_planner(row)
@@ -56,6 +59,8 @@ def show(results: Results, folder: Path) -> Path | None:
     for sentence in _why_failed(results):
         console.paragraph(sentence)
     console.paragraph(_MEANING)
+    if wraps:
+        console.paragraph(f"Time: of a run, s; library: {table_cells.LIBRARY} (medians).")
     if paired:
         console.paragraph(_PAIRED.format(planners["yardstick"].iloc[0]))
     console.paragraph()

@@ -40,6 +40,8 @@ class Solution:
     - `history` `(m, 2)`: evaluations spent, and the shortest duration claimed by then (NaN before
       the first), s; what the last row claims is `trajectory` (see `history_flaw`);
     - `setup_time`: the part of the wall time spent building what later calls reuse, s;
+    - `library_time`: the part of it spent inside the calls of a library that plans, s, if the
+      planner wraps one (`trajopt.planners.library_time`);
     - `stats`: other results; values are numbers, strings or arrays.
     """
 
@@ -50,6 +52,7 @@ class Solution:
     evaluations: int | None = None
     history: Array | None = None
     setup_time: float = 0.0
+    library_time: float | None = None
     stats: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:

@@ -57,6 +57,7 @@ _OF_TRIAL = (
     "certified_duration",
     "claimed_duration",
     "evaluations",
+    "library_time",
     "lower_bound",
     "message",
     "options",

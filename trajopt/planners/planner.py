@@ -38,7 +38,7 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners import given_times
+from trajopt.planners import given_times, library_time
 
 
 class Relation(Enum):
@@ -94,6 +94,28 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
         return refusal
 
     return checked
+
+
+def _timed(solve: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap `solve` or `solve_batch` to state the time inside the calls of a library.
+
+    Answers of a batch have equal shares.
+    """
+
+    @wraps(solve)
+    def timed(self: Planner, *arguments: Any, **keywords: Any) -> Any:
+        with library_time.measured() as clock:
+            answer = solve(self, *arguments, **keywords)
+        if clock.seconds <= 0:
+            return answer
+        if isinstance(answer, Solution):
+            return replace(answer, library_time=clock.seconds)
+        if isinstance(answer, list) and all(isinstance(own, Solution) for own in answer):
+            share = clock.seconds / len(answer)
+            return [replace(own, library_time=share) for own in answer]
+        return answer
+
+    return timed
 
 
 def _joined(problem: Problem, parts: list[Solution]) -> Solution:
@@ -167,12 +189,13 @@ class Planner(ABC):
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Make a class's own `solve` and `solve_batch` refuse what it cannot solve.
 
-        So callers need not call `unsupported` first, and a planner's own `solve` is simple.
+        They also state the time inside a library (`trajopt.planners.library_time`). So callers
+        need not call `unsupported` first, and a planner's own `solve` is simple.
         """
         super().__init_subclass__(**arguments)
         for name in ("solve", "solve_batch"):
             if name in vars(cls):
-                setattr(cls, name, _refusing(vars(cls)[name]))
+                setattr(cls, name, _timed(_refusing(vars(cls)[name])))
         own = vars(cls).get("unsupported")
         if isinstance(own, staticmethod):
             cls.unsupported = _knowing(lambda _, problem: own(problem))  # type: ignore[method-assign]

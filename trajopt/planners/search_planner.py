@@ -24,6 +24,7 @@ from trajopt.core.renamed import of_other_tools
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import objective
 from trajopt.planners.counted import Counted, Spent, compiled
+from trajopt.planners.library_time import inside_library
 from trajopt.planners.objective import CLOSED_FORM, LOWER, UPPER, Fitness
 from trajopt.planners.planner import Planner, function_options
 from trajopt.planners.swarm.optimiser import check_choices, require
@@ -66,7 +67,8 @@ class SearchPlanner(Planner):
         known = {"evaluations", "shape", "fitness"}
         own = {name: value for name, value in self.options().items() if name not in known}
         try:
-            found = self.search(counted, seed, own)
+            with inside_library():
+                found = self.search(counted, seed, own)
             if found is not None and counted.left:
                 counted.one(found)
         except Spent:

@@ -23,6 +23,7 @@ _COLUMNS = {  # columns of the table, by their names in `Results.planners()`
     "worst": "worst gap",
     "rank": "mean rank",
     "time": "computing (s)",
+    "library": "in a library (s)",
 }
 
 
@@ -48,6 +49,8 @@ def html(results: Tables) -> str:
         own["worst"] = _percent(row.worst)
         rows[row.Index] = {heading: own[name] for name, heading in _COLUMNS.items()}
     table = pd.DataFrame.from_dict(rows, orient="index")
+    if results.trials()["library_time"].isna().all():
+        del table[_COLUMNS["library"]]
     summary = results.summary()
     if summary["digest"].nunique() == 1:
         table["duration (s)"] = summary.set_index("label")["median"].map(table_cells.number)

@@ -57,6 +57,14 @@ def ratio(value: float, form: str = ".4f") -> str:
     return number(value, ".1e" if value < _SMALLEST_RATIO else form)
 
 
+def seconds(value: float | None) -> str:
+    """Return a computing time, s, with two digits, however short it is."""
+    if value is None or isnan(value):
+        return MISSING
+    digits = max(1, 1 - floor(log10(value))) if value > 0 else 0
+    return f"{value:.{digits}f}"
+
+
 def integral(value: float | None) -> str:
     """Return an integral of squares with four digits; ∞ for a motion that jumps."""
     if value is None or isnan(value) or isinf(value):
@@ -98,6 +106,10 @@ def kept(share: float, needed: float) -> str:
     return TO_ROUNDING if 1 < needed < 1 + ROUNDING else f"{100 * share:.0f} %"
 
 
+LIBRARY = "the part of it inside the calls of the library that a planner wraps"
+"""What the column `library` beside a time means; without such planners the column is left out."""
+
+
 def of_summary(row: Any) -> Cells:
     """Return the cells of a problem and planner; without a duration, its bound or status."""
     moves = not isnan(row.median)
@@ -113,6 +125,7 @@ def of_summary(row: Any) -> Cells:
         "jerk_integral": integral(row.jerk_integral),
         "evaluations": number(row.evaluations, ".0f"),
         "solve_time": number(row.solve_time, ".3f"),
+        "library_time": seconds(row.library_time),
     }
 
 
@@ -128,6 +141,7 @@ def of_planner(row: Any) -> Cells:
         "there": gap(row.there),
         "rank": number(row.rank, ".2f"),
         "time": number(row.time, ".3f"),
+        "library": seconds(row.library),
     }
 
 

@@ -133,6 +133,8 @@ def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any
         as_table = own_breaks.table if is_brief else trajectory_table
         table["trajectory"] = as_table(trajectory)
     table["history"] = pack(solution.history)
+    if solution.library_time is not None:
+        table["library_time"] = pack(solution.library_time)
     return table
 
 
@@ -155,8 +157,9 @@ def solution_of(table: Any) -> Solution:
     Raises:
         ValueError, TypeError: The table holds no answer that a planner may give.
     """
-    check_table("solution", table, (*_SOLUTION, "trajectory", "history"))
+    check_table("solution", table, (*_SOLUTION, "trajectory", "history"), ["library_time"])
     values = {name: unpack(table[name]) for name in (*_SOLUTION, "history")}
+    values["library_time"] = table.get("library_time")
     values["status"] = Status(values["status"])
     solution = Solution(trajectory=_trajectory(table["trajectory"]), **values)
     checked = well_formed(solution)

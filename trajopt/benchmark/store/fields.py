@@ -112,6 +112,7 @@ FIELDS = (
     Field("evaluations", "number", "1", "objective evaluations", "solution.evaluations"),
     Field("setup_time", "number", "s", "wall time to load, and to build what later calls reuse"),
     Field("solve_time", "number", "s", "other wall time to the answer; a batch's, by its runs"),
+    Field("library_time", "number", "s", "of solve_time, in calls of a library that plans"),
     Field("batch", "integer", "1", "runs that were solved together"),
     Field("started", "time", "", "start time, UTC, ISO 8601"),
     Field("asked", "time or none", "", "when a later comparison kept the trial; empty: none did"),

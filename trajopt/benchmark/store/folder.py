@@ -646,7 +646,7 @@ def _holds(path: Path, text: bytes) -> bool:
 
 def _verdict(text: bytes) -> list[Any]:
     stated = trial_text.row(text)
-    solution = stated["solution"] | {"setup_time": 0.0}
+    solution = stated["solution"] | {"setup_time": 0.0, "library_time": None}
     return [stated["id"], stated["status"], stated["certificate"], solution]
 
 

@@ -74,6 +74,7 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
             compete. It makes the gaps of lines with different problems comparable.
         rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
         time: median wall time of a trial, s.
+        library: median part of it inside the calls of a library that plans, s; NaN without one.
     """
     lines = {label: _line(runs) for label, runs in gaps.groupby("label", sort=False)}
     table = pd.DataFrame.from_dict(lines, orient="index")
@@ -118,6 +119,7 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
         "gap": median_gap(answers),
         "worst": solved["gap"].max(),
         "time": tried["solve_time"].median(),
+        "library": tried["library_time"].median(),
     }
 
 

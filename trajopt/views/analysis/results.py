@@ -223,6 +223,8 @@ class Tables:
             jerk_integral, acceleration_integral, jerk_rms_sum: medians, infinite for a motion that
                 jumps.
             evaluations, solve_time: medians, the latter in s.
+            library_time: median part of it inside the calls of a library that plans, s; NaN without
+                one.
             setup_time: the longest, s.
             status, message: of the first run that is not solved, or of the first.
         """
@@ -263,6 +265,7 @@ class Tables:
             "jerk_rms_sum": groups["jerk_rms_sum"].median(),
             "evaluations": groups["evaluations"].median(),
             "solve_time": groups["solve_time"].median(),
+            "library_time": groups["library_time"].median(),
             "setup_time": groups["setup_time"].max(),
             "status": verdicts["status"],
             "message": verdicts["message"],

@@ -10,7 +10,7 @@ write(Results("results"), Path("tables"))       # \\input{tables/planners} puts 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -35,16 +35,15 @@ _PLANNERS = {
 }
 _TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "$p$ (Holm)")
 _OVER_PROBLEMS = ("better", "tied", "worse")
-_SUMMARY = (
-    "planner",
-    "solved",
-    "kept limits",
-    "median (s)",
-    "quartiles (s)",
-    "gap (\\%)",
-    "time (s)",
-)
-_SUMMARY_CELLS = ("solved", "kept", "median", "quartiles", "gap", "solve_time")
+_SUMMARY = {
+    "solved": "solved",
+    "kept": "kept limits",
+    "median": "median (s)",
+    "quartiles": "quartiles (s)",
+    "gap": "gap (\\%)",
+    "solve_time": "time (s)",
+    "library_time": "library (s)",
+}
 _ESCAPED = {
     "\\": "\\textbackslash{}",
     "~": "\\textasciitilde{}",
@@ -155,13 +154,22 @@ def tests(results: Tables) -> str:
 
 
 def summary(results: Tables) -> str:
-    """The table of `Results.summary()`: of what has no duration, its status or its lower bound."""
+    """The table of `Results.summary()`: of what has no duration, its status or its lower bound.
+
+    Where no planner wraps a library, the column of the time inside it is left out.
+    """
+    table = results.summary()
+    cells = dict(_SUMMARY)
+    said = [f"% library: {table_cells.LIBRARY}"]
+    if table["library_time"].isna().all():
+        del cells["library_time"]
+        said = []
     parts = []
-    for _, rows in results.summary().groupby("digest", sort=False):
+    for _, rows in table.groupby("digest", sort=False):
         problem = escaped(rows["problem"].iloc[0])
-        title = f"\\multicolumn{{{len(_SUMMARY)}}}{{l}}{{\\textit{{{problem}}}}} \\\\"
-        parts.append([title, *map(_summary_row, rows.itertuples())])
-    return _tabular(_SUMMARY, parts)
+        title = f"\\multicolumn{{{1 + len(cells)}}}{{l}}{{\\textit{{{problem}}}}} \\\\"
+        parts.append([title, *(_summary_row(row, cells) for row in rows.itertuples())])
+    return "\n".join([*said, _tabular(("planner", *cells.values()), parts)])
 
 
 def _pairs(results: Tables) -> pd.DataFrame:
@@ -196,9 +204,9 @@ def _row(texts: Sequence[str]) -> str:
     return f"{' & '.join(map(escaped, texts))} \\\\"
 
 
-def _summary_row(row: Any) -> str:
+def _summary_row(row: Any, cells: Iterable[str]) -> str:
     own = table_cells.of_summary(row)
-    return _row([row.label, *(own[name] for name in _SUMMARY_CELLS)])
+    return _row([row.label, *(own[name] for name in cells)])
 
 
 def _plain(name: str) -> str:

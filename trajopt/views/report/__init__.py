@@ -19,7 +19,7 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.views.analysis.pairwise import TIE_DIGITS
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import TARGETS
-from trajopt.views.report import content, lines, rivals, suite_curves
+from trajopt.views.report import content, rivals, suite_curves
 from trajopt.views.report import panels as motions
 from trajopt.views.report.packing import as_text, packed_json
 
@@ -75,7 +75,7 @@ def write(
     html = environment.get_template("template.html").render(
         page=page,
         digest=_digest(results),
-        columns=lines.COLUMNS,
+        columns=page.columns,
         tied=TIE_DIGITS,
         command=command,
         kept=trajectories,

@@ -51,6 +51,7 @@ TRIAL_COLUMNS = (
     "jerk_integral",
     "evaluations",
     "solve_time",
+    "library_time",
     "setup_time",
     "lower_bound",
 )
@@ -87,6 +88,22 @@ class Page:
     @cached_property
     def digests(self) -> dict[str, int]:
         return {p.digest(): i for i, p in enumerate(self.problems)}
+
+    @cached_property
+    def columns(self) -> dict[str, str]:
+        """Headings of the table of problems and planners, by column."""
+        left_out = () if self.has_library else ("library_time",)
+        return {name: title for name, title in lines.COLUMNS.items() if name not in left_out}
+
+    @property
+    def has_library(self) -> bool:
+        """Whether any planner here wraps a library and states the time inside it."""
+        return bool(self.gaps["library_time"].notna().any())
+
+    @property
+    def library(self) -> str:
+        """What the column of the library's time means; empty without one."""
+        return f" Library: {table_cells.LIBRARY}." if self.has_library else ""
 
     @cached_property
     def rows(self) -> list[dict[str, Any]]:

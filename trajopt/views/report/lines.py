@@ -24,8 +24,9 @@ COLUMNS = {  # headings, with units, of the table of problems and planners
     "jerk_integral": "∫ jerk²",
     "evaluations": "evaluations",
     "solve_time": "time (s)",
+    "library_time": "library (s)",
 }
-_OF_A_PLANNER = ("problems", "not_applicable", "gap", "worst", "rank", "time")
+_OF_A_PLANNER = ("problems", "not_applicable", "gap", "worst", "rank", "time", "library")
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
 REASON_LENGTH = 500
 

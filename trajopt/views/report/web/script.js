@@ -266,9 +266,9 @@
     ["seed", "seed", String], ["status", "status", String], ["claimed (s)", "claimed_duration", 6], ["certified (s)", "certified_duration", 6],
     ["gap (%)", "gap", (v) => (v < 0 ? "" : "+") + signed(100 * v, 4)], ["dilation", "dilation", 6],
     ["∫ jerk²", "jerk_integral", (v) => v.toPrecision(4)], ["evaluations", "evaluations", 0],
-    ["time (s)", "solve_time", 4], ["setup (s)", "setup_time", 4], ["lower bound (s)", "lower_bound", 6],
+    ["time (s)", "solve_time", 4], ["library (s)", "library_time", 6], ["setup (s)", "setup_time", 4], ["lower bound (s)", "lower_bound", 6],
   ];
-  const SOURCE = { median: "certified_duration", quartiles: "certified_duration", gap: "gap", dilation: "dilation", jerk_integral: "jerk_integral", evaluations: "evaluations", solve_time: "solve_time" };
+  const SOURCE = { median: "certified_duration", quartiles: "certified_duration", gap: "gap", dilation: "dilation", jerk_integral: "jerk_integral", evaluations: "evaluations", solve_time: "solve_time", library_time: "library_time" };
   const shown = (value, form) => (value === null ? "–" : typeof form === "number" ? signed(value, form) : form(value));
 
   const sources = (own, column) => {  // the trials in the middle, of those that have the number
