@@ -157,7 +157,7 @@ def test_a_wrapped_planner_has_the_row_of_the_planner_itself(name: str, problem:
     items = trials_of(planner, problem, [0], name)
     for relation in Relation:
         items += trials_of(Wrapped(planner, relation), problem, [0], f"as {relation.name}")
-    table = Results(items).planners().drop(columns=["time", "there"])
+    table = Results(items).planners().drop(columns=["time", "library", "there"])
     assert len(table) == 1 + len(Relation)
     assert (table.nunique(dropna=False) == 1).all(), table.T
 

@@ -24,7 +24,7 @@ class Clock:
         self.seconds = 0.0
 
 
-class _Part:
+class _TimedPart:
     """A part of a planner's call that counts, or does not count, as the library's."""
 
     def __init__(self, sign: float) -> None:
@@ -46,14 +46,14 @@ class _Part:
             clock.seconds += self._sign * spent
 
 
-def inside_library() -> _Part:
+def inside_library() -> _TimedPart:
     """Count the time of a `with` block as the library's."""
-    return _Part(1.0)
+    return _TimedPart(1.0)
 
 
-def outside_library() -> _Part:
+def outside_library() -> _TimedPart:
     """Do not count the time of a `with` block inside a block of `inside_library`."""
-    return _Part(-1.0)
+    return _TimedPart(-1.0)
 
 
 @contextmanager
