@@ -20,7 +20,7 @@ _CELLS = {
     "jerk_integral": "∫jerk²",
     "evaluations": "evals",
     "solve_time": "time",
-    "library_time": "library",
+    "library_time": "in lib",
 }
 _READINGS = ("timing", "fitness")  # options for what the paper leaves open
 
@@ -41,24 +41,18 @@ def show(results: Results) -> None:
 
 
 def _comparison(lines: Sequence[Line]) -> PlainTable:
-    cells = {name: heading for name, heading in _CELLS.items() if _is_shown(name, lines)}
-    title = f"{lines[0].problem}: certified durations, s"
-    table = console.table("planner", numbers=tuple(cells.values()), title=title)
-    for line in lines:
-        own = table_cells.of_summary(line)
+    rows = [table_cells.of_summary(line) for line in lines]
+    for own in rows:
         if own["dilation"] != table_cells.MISSING:
             own["kept"] += f" {own['dilation']}"
-        shown = [own[name] for name in cells]
-        table.row(
-            console.option_lines(line.label),
-            *("" if s == table_cells.MISSING else s for s in shown),
-        )
+        own |= {name: "" for name, cell in own.items() if cell == table_cells.MISSING}
+    # a column without an entry is left out: quartiles of single runs, a library that nobody wraps
+    cells = {name: heading for name, heading in _CELLS.items() if any(own[name] for own in rows)}
+    title = f"{lines[0].problem}: certified durations, s"
+    table = console.table("planner", numbers=tuple(cells.values()), title=title)
+    for line, own in zip(lines, rows, strict=True):
+        table.row(console.option_lines(line.label), *(own[name] for name in cells))
     return table
-
-
-def _is_shown(name: str, lines: Sequence[Line]) -> bool:
-    """Return whether a table has a column: no library's time where no planner wraps one."""
-    return name != "library_time" or not all(isnan(line.library_time) for line in lines)
 
 
 def _why_not_solved(line: Line) -> str:
@@ -96,6 +90,6 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
         f"Kept: share of runs within every limit as claimed{dilated}. ∫jerk²: of the certified "
         "motion, all joints together, SI units; ∞ where acceleration jumps."
     )
-    if _is_shown("library_time", lines):
-        sentences.append(f"Time: of a run, s; library: {table_cells.LIBRARY} (medians).")
+    if not all(isnan(line.library_time) for line in lines):
+        sentences.append(f"Time: of a run, s; in lib: {table_cells.LIBRARY} (medians).")
     return "\n".join(sentences)

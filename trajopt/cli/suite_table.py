@@ -26,7 +26,7 @@ _CELLS = {
     "there": "there %",
     "worst": "worst %",
     "time": "time s",
-    "library": "library",
+    "library": "in lib",
 }
 # Columns that are not shown, where all planners support the same problems or do not: what failed
 # is the rest, and why is said below the table.
@@ -60,7 +60,7 @@ def show(results: Results, folder: Path) -> Path | None:
         console.paragraph(sentence)
     console.paragraph(_MEANING)
     if wraps:
-        console.paragraph(f"Time: of a run, s; library: {table_cells.LIBRARY} (medians).")
+        console.paragraph(f"Time: of a run, s; in lib: {table_cells.LIBRARY} (medians).")
     if paired:
         console.paragraph(_PAIRED.format(planners["yardstick"].iloc[0]))
     console.paragraph()

@@ -16,6 +16,7 @@ ALONE = "alone"  # in place of a ratio of 0: only it has an answer
 _SMALLEST_RATIO = 5e-5  # smallest ratio that is printed; smaller ones would be 0.0000
 _ZERO = 5e-5  # largest gap that is printed as 0.00 %
 ROUNDING = 1e-4  # a smaller dilation minus 1 counts as no broken limit
+_SHORT_S = 0.01  # computing times below have two digits
 SURE = 0.05  # a difference is significant if its adjusted p is smaller
 FEWEST_GROUPS = 6  # with fewer groups no signed-rank test has a p below SURE: 2/2⁵ is 0.0625
 SMALLEST_P = 0.001  # smaller p-values are printed as less than this
@@ -58,11 +59,10 @@ def ratio(value: float, form: str = ".4f") -> str:
 
 
 def seconds(value: float | None) -> str:
-    """Return a computing time, s, with two digits, however short it is."""
-    if value is None or isnan(value):
-        return MISSING
-    digits = max(1, 1 - floor(log10(value))) if value > 0 else 0
-    return f"{value:.{digits}f}"
+    """Return a computing time, s, with three decimals, or two digits if it is shorter."""
+    if value is None or isnan(value) or value >= _SHORT_S or value == 0:
+        return number(value, ".3f")
+    return f"{value:.1e}".replace("e-0", "e-")
 
 
 def integral(value: float | None) -> str:
