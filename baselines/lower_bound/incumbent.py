@@ -7,15 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.collocation.refined import CollocationRefined
-from baselines.exact.acceleration import Exact
-from baselines.exact.jerk import ExactJerk
-from baselines.ruckig_ import RuckigStop
 from baselines.sizes import cells
 from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
+from trajopt.planners import registry
 from trajopt.planners.planner import Planner
 
 # Time of one start of each planner, s per segment and joint (measured).
@@ -23,6 +20,8 @@ _START_SECONDS = 3e-3
 _START_SECONDS_JERK = 0.05
 _START_SECONDS_POSITION = 0.03
 _STARTS = 4
+# Planners go by their names: those that are exact use bounds themselves.
+_STOPPING = "ruckig-stop"
 # Stand-in for an infinite jerk limit, relative to the limit of the other side.
 _WIDE_JERK_FACTOR = 1e3
 
@@ -54,11 +53,11 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
         None if no planner's answer keeps every limit.
     """
     best = None
-    for planner in _planners(problem, seconds):
-        answer = _answer(planner, problem)
+    for spec in _planners(problem, seconds):
+        answer = _answer(registry.load(spec), problem)
         if answer is not None and (best is None or answer.duration < best.duration):
             best = answer
-        if answer is not None and not answer.dilated and not isinstance(planner, RuckigStop):
+        if answer is not None and not answer.dilated and spec != _STOPPING:
             break
     return best
 
@@ -99,18 +98,15 @@ def _two_sided(problem: Problem) -> Problem:
     return replace(problem, limits=limits)
 
 
-def _planners(problem: Problem, seconds: float) -> list[Planner]:
+def _planners(problem: Problem, seconds: float) -> list[str]:
     """Return the planners in the order in which they are run, up to the first answer."""
     size = cells(problem)
     rate = _START_SECONDS_JERK if problem.has("jerk") else _START_SECONDS
     starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
-    planners: list[Planner] = [RuckigStop()]
-    if problem.has("jerk"):
-        planners.append(ExactJerk(starts=starts))
-    else:
-        planners.append(Exact(starts=2 * starts))
+    own = f"exact-jerk:starts={starts}" if problem.has("jerk") else f"exact:starts={2 * starts}"
+    planners = [_STOPPING, own]
     if problem.has("position") or problem.has(FallingVelocity.key):
         rate += _START_SECONDS_POSITION
         starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
-        planners.append(CollocationRefined(starts=starts))
+        planners.append(f"collocation-refined:starts={starts}")
     return planners

@@ -89,3 +89,14 @@ def test_the_way_to_stop_is_that_of_the_hardest_braking(seed):
     ends = {"start_velocity": [v], "start_acceleration": [a]}
     assert impossible(Problem([[0.0], [-1.0]], far, demands=ends)) is None
     assert "to stop" in impossible(Problem([[0.0], [-1.0]], near, demands=ends))
+
+
+def test_a_place_counts_as_known_to_its_rounding():
+    """The way in which it stops, V²/2A = 2e3 rad, is known to less than its place, 1e-3 rad, is."""
+    V, A = 1e3, 250.0
+    way = V**2 / (2 * A)
+    limits = Limits([V], [A], position=[[-1.0, way]])
+    for beyond, is_possible in ((1e-13, True), (1e-9, False)):
+        start = way * beyond
+        problem = Problem([[start], [1.0]], limits, start_velocity=[V])
+        assert (impossible(problem) is None) is is_possible

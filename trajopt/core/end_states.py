@@ -14,9 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trajopt.core.problem import Problem
-
-# A smaller excess over a limit is rounding, relative.
-LIMIT_RTOL = 1e-12
+from trajopt.core.rounding import KEPT_RTOL, of_states
 
 
 class _Joint(NamedTuple):
@@ -101,7 +99,7 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
     said = f"the {word} velocity of {problem.joint_labels[number]}, {velocity:.6g}"
     unit, per_s, per_s2 = (problem.unit(number, order) for order in range(3))
     verb = "ends" if is_end else "starts"
-    if own.velocity > own.fastest * (1 + LIMIT_RTOL):
+    if own.velocity > own.fastest * (1 + KEPT_RTOL):
         beyond = f"{said} {per_s}, is beyond its limit, {sign * time * own.fastest:.6g} {per_s}"
         if is_end or acceleration:
             return beyond
@@ -110,19 +108,19 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
             f"{beyond}: it brakes to it in {t:.6g} s and {way:.6g} {unit} at least; plan from the "
             "state after that"
         )
-    if own.acceleration > own.steepest * (1 + LIMIT_RTOL):
+    if own.acceleration > own.steepest * (1 + KEPT_RTOL):
         return (
             f"the {word} acceleration of {problem.joint_labels[number]}, {acceleration:.6g} "
             f"{per_s2}, is beyond its limit, {sign * own.steepest:.6g} {per_s2}"
         )
-    if own.peak > own.widest * (1 + LIMIT_RTOL):
+    if own.peak > own.widest * (1 + KEPT_RTOL):
         return (
             f"{problem.joint_labels[number]} {verb} at {velocity:.6g} {per_s} and "
             f"{acceleration:.6g} {per_s2}, which leads beyond its velocity limit: under its jerk "
             f"limit to {sign * time * own.peak:.6g} {per_s} at least"
         )
-    rounding = float(problem.rounding[number])
-    if own.way > own.room * (1 + LIMIT_RTOL) + rounding:
+    rounding = float(of_states(problem).position[number])
+    if own.way > own.room * (1 + KEPT_RTOL) + rounding:
         side = "to stop" if not is_end else "to reach"
         return (
             f"{said} {per_s}, takes {own.way:.6g} {unit} {side}, and its position limit is "

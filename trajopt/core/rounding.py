@@ -23,6 +23,8 @@ from trajopt.core.problem import Problem
 # their first and last millisecond, the worst is known to half of it.
 STATE_RTOL = 32 * float(np.finfo(float).eps)
 LONGEST = 1e4
+# A smaller excess over a limit, relative, is rounding where a motion cannot be dilated.
+KEPT_RTOL = 1e-12
 
 
 class Rounding(NamedTuple):

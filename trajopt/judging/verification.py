@@ -20,14 +20,13 @@ from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, 
 from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.limits.limit import where
 from trajopt.core.problem import Problem, check_problem
-from trajopt.core.rounding import of_states
+from trajopt.core.rounding import KEPT_RTOL, of_states
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.passing import within_tolerance
 from trajopt.judging.repair import repaired
 
 _JUDGED = (*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance")
 GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative, is rounding
-KEPT_RTOL = 1e-12  # a smaller excess of a motion that cannot be dilated, relative, is rounding
 NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 

@@ -43,9 +43,9 @@ from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
 from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
+from trajopt.core.rounding import KEPT_RTOL
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import KEPT_RTOL
 from trajopt.planners.reductions import SIMPLEST, reduced
 
 # Largest number of initial guesses if all fail, times `starts`.

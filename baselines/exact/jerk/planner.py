@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
-from baselines.exact.jerk import even_pieces, gaps, narrow, one_sided
+from baselines.exact.jerk import even_pieces, free_pieces, gaps, narrow, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
-from baselines.exact.method import brief_steps, gate
+from baselines.exact.method import bounds, brief_steps, gate
 from baselines.exact.method.interior_point import (
     begun,
     chosen,
@@ -36,6 +36,7 @@ from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
+    motion_of,
     unconverged,
     without_ipopt,
 )
@@ -60,6 +61,8 @@ MAX_START_DILATION = 1.5
 # The motion through the exact points, as an initial guess: times so much longer, and steps.
 _SLOWER = 1.02
 _MOST_STEPS = 400
+# A bound so near, relative, tells that the second method need not be tried.
+_NEAR_RTOL = 1e-3
 _FEW_STARTS = 2  # for each problem, where boxes overlap and there are several problems
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
@@ -113,10 +116,17 @@ class ExactJerk(SeveralStarts):
         known = problem.without(*self.unknown(problem))
         if "tolerance" in problem.demands:
             several = replace(self, starts=min(self.starts, _FEW_STARTS))
-            return boxes.best(self, problem, _solved_near, several)
-        briefly = partial(self._solved, patient=False)
-        stopping = _stopping if problem.route.at_rest else None
-        return brief_steps.solved(problem, known, self._solved, briefly, stopping)
+            found = boxes.best(self, problem, _solved_near, several)
+        else:
+            briefly = partial(self._solved, patient=False)
+            stopping = _stopping if problem.route.at_rest else None
+            found = brief_steps.solved(problem, known, self._solved, briefly, stopping)
+        motion = found.trajectory
+        alone = problem.route.at_rest or problem.segments == 1 or self.solver == "ipopt"
+        if alone or (motion is not None and bounds.is_near(known, motion, _NEAR_RTOL)):
+            return found
+        other = boxes.best(self, problem, _freely, self)
+        return min(found, other, key=partial(_certified, known))
 
     def _solved(
         self,
@@ -198,6 +208,29 @@ def _solved_near(
     problem: Problem, passing: Array | None, planner: ExactJerk, patient: bool
 ) -> Solution:
     return planner._solved(problem, None, passing, patient)
+
+
+def _freely(problem: Problem, passing: Array | None, planner: ExactJerk, _: bool) -> Solution:
+    """Return the shortest answer of the second method (`exact.jerk.free_pieces`)."""
+    from baselines.exact.jerk.motion import Reachable
+
+    known = problem.without(*planner.unknown(problem))
+    scales = [Reachable(problem, passing=passing) for _ in free_pieces.SPARES]
+    for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
+        gaps.spare(scaled, spare)
+    shortest, best = np.inf, None
+    for times in free_pieces.guesses(scales[0]):
+        for scaled in scales:
+            found = free_pieces.minimised(scaled, times)
+            if found is None or not found.duration < shortest:
+                break
+            motion = motion_of(scaled, found)
+            if motion is not None and keeping(known, motion) is not None:
+                shortest, best = found.duration, motion
+                break
+    if best is None:
+        return Solution(Status.FAILED, message="no start succeeded")
+    return planner.answered(problem, best)
 
 
 def _stopping(problem: Problem, _: Array | None) -> Solution:

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from baselines.exact.method import bounds
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.judging.verification import verify
@@ -34,7 +35,8 @@ def certified(problem: Problem, answer: Answer, in_parts: Answer) -> Solution:
 
     Returns:
         A `relaxed` answer or a refusal as it is. Else `solved` with a certified motion, or
-        `invalid` with the judge's flaw, or `failed`.
+        `invalid` with the judge's flaw, or `failed`; `infeasible` where a bound proves that no
+        motion has the given times.
     """
     found = answer(problem)
     if found.status not in (Status.SOLVED, Status.FAILED):
@@ -46,7 +48,8 @@ def certified(problem: Problem, answer: Answer, in_parts: Answer) -> Solution:
         message = "; ".join(filter(None, [found.message, *certificate.flaws]))
         found = replace(found, status=Status.INVALID, message=message)
     if "given_times" in problem.demands:
-        return found
+        proved = bounds.impossible_times(problem) if found.trajectory is None else ""
+        return Solution(Status.INFEASIBLE, message=proved, stats=found.stats) if proved else found
     for said, easier, plan in _easier(problem, answer, in_parts):
         other = plan(easier)
         motion = other.trajectory

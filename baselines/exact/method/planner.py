@@ -189,14 +189,19 @@ def unconverged(scaled: Reaching, local: Sequence[LocalOptimum]) -> Trajectory |
     """Return the shortest motion of the last iterates that the judge certifies."""
     found: list[tuple[float, Trajectory]] = []
     for own in local:
-        if own.states is None or not np.isfinite(own.times).all():
-            continue
-        try:
-            with np.errstate(all="ignore"):
-                motion = scaled.trajectory(own.times, own.states)
-                duration = verify(scaled.problem, motion).certified_duration
-        except (InvalidTrajectory, ValueError, IndexError, np.linalg.LinAlgError):
-            continue  # what did not converge may be no motion at all
-        if duration is not None:
-            found.append((duration, motion))
+        motion = motion_of(scaled, own)
+        if motion is not None:
+            duration = verify(scaled.problem, motion).certified_duration
+            found += [(duration, motion)] if duration is not None else []
     return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def motion_of(scaled: Reaching, own: LocalOptimum) -> Trajectory | None:
+    """Return the motion of an iterate; None where it is none: it may not have converged."""
+    if own.states is None or not np.isfinite(own.times).all():
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            return scaled.trajectory(own.times, own.states)
+    except (InvalidTrajectory, ValueError, IndexError, np.linalg.LinAlgError):
+        return None

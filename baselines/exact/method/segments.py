@@ -9,7 +9,7 @@ import numpy as np
 
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from trajopt.core.arrays import Array, Bools, Indices
-from trajopt.judging.verification import KEPT_RTOL
+from trajopt.core.rounding import KEPT_RTOL
 
 MOST = 1 + 3e-10  # largest share of a limit that a motion may use
 _FEASIBILITY_TOL = 1e-10  # of the linear program, relative to the limits; the least of HiGHS

@@ -141,3 +141,14 @@ def test_an_end_at_the_velocity_limit_may_still_accelerate():
     ruckig = RuckigStop().solve(problem).trajectory
     found = ExactJerk().solve(problem).trajectory
     assert verify(problem, found).certified_duration == pytest.approx(ruckig.duration, rel=1e-6)
+
+
+def test_a_part_of_an_optimum_that_leaves_no_inside():
+    """A part of a certified motion took 0.04258938 s; from inside none is found below 0.0533 s."""
+    problem = Problem(
+        [[0.0], [8.4e-05], [0.000412757517918983]],
+        Limits([1.601871], [[-1.599542, 1.766186]], [59.485646]),
+        end_velocity=[0.013382027714502812],
+        end_acceleration=[-0.5734150050219664],
+    )
+    assert solved(problem).duration == pytest.approx(0.04258938009379499, rel=1e-6)

@@ -104,3 +104,16 @@ def test_many_near_points_within_tolerance(planner):
         assert solution.status is Status.SOLVED
         found.append(verify(problem, solution.trajectory).certified_duration)
     assert np.diff(found).max() <= 1e-9
+
+
+@pytest.mark.parametrize("jerk", [None, [1e3]])
+def test_given_times_that_only_a_bound_proves_impossible(jerk):
+    """There and back takes 2 √(1/2) s each way; alone each segment could be passed in 1 s."""
+    least = 2 * np.sqrt(0.5)
+    limits = Limits([9.0], [2.0], jerk)
+    planner = Exact() if jerk is None else ExactJerk()
+    for share, status in ((0.9, Status.INFEASIBLE), (1.05, Status.SOLVED)):
+        given = {"given_times": [share * least] * 2}
+        solution = planner.solve(Problem([[0.0], [1.0], [0.0]], limits, demands=given))
+        assert solution.status is status
+        assert ("a bound proves" in solution.message) is (status is Status.INFEASIBLE)

@@ -1,0 +1,163 @@
+"""The second method of `exact.jerk` in motion: IPOPT, every joint in pieces of its own.
+
+The interior-point method begins strictly inside all inequalities. Near the optimum of a part of an
+optimal motion there may be no inside: each joint's states just before the part's end leave it one
+motion. Here every joint passes each segment in `PIECES` pieces of constant jerk, as long as it
+likes. Every motion within the limits that is an optimum can be written so. A guess may miss
+waypoints, so no inside is needed. The times and states of an answer are those of the optimum, and
+`exact.jerk.motion` makes the motion of them.
+
+The velocity on a piece is a quadratic. It stays between its ends and `v + a d/2`, the Bernstein
+coefficient between them; with a break at its peak nothing is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from baselines.exact.jerk.cells import JerkTables
+from baselines.exact.jerk.near import NearTables
+from baselines.exact.method.planner import LocalOptimum
+from baselines.exact.method.scaled import Scaled
+from baselines.ipopt import Options, Program, flat, program, unflat
+from trajopt.core.arrays import Array
+from trajopt.planners.planner import backend
+
+PIECES = 8
+# Shares of the limits that are left to rounding, the next where one is not enough.
+SPARES = (1e-12, 1e-10, 1e-8)
+# Guesses of the segment times: of stopping, and of those at the velocity limits.
+_STOPPING = (1.0, 0.3)
+_CRUISING = (1.3, 3.0)
+_LONGEST = 1e3  # of a guess
+_BRIEFEST = 1e-6  # of the times of stopping
+_OPTIONS: Options = {
+    "tol": 1e-10,
+    "constr_viol_tol": 1e-12,
+    "bound_relax_factor": 0.0,
+    "mu_strategy": "adaptive",
+    "acceptable_tol": 1e-9,
+    "acceptable_constr_viol_tol": 1e-11,
+    "max_iter": 500,
+}
+
+
+def guesses(scaled: Scaled) -> Iterator[Array]:
+    """Yield guesses of the times of the segments, `(segments,)`."""
+    for share in _STOPPING:
+        yield share * scaled.stop
+    cruising = np.maximum(scaled.shortest, _BRIEFEST * scaled.stop)
+    for share in _CRUISING:
+        yield share * cruising
+
+
+def minimised(scaled: Scaled, times: Array) -> LocalOptimum | None:
+    """Return the local optimum that IPOPT finds from a guess of the times, if it finds one.
+
+    Args:
+        scaled: The problem, whose limits leave a share to rounding.
+        times: Of the segments, `(segments,)`.
+    """
+    segments, joints = scaled.h.shape
+    jerky = scaled.r.max(axis=(0, 1)) > 0
+    with np.errstate(divide="ignore"):
+        steepest = np.array([[[-1.0]], [[1.0]]]) / scaled.r
+    # units in which what is reached in a segment is of order one: of time, of each joint's way
+    unit = times.mean()
+    reached = [
+        np.abs(own).min(axis=(0, 1)) * unit**order
+        for order, own in enumerate((scaled.v, scaled.a, steepest), start=1)
+    ]
+    way = np.min(reached, axis=0)
+    rate, bend = unit / way, unit**2 / way
+
+    def by_piece(limits: Array) -> Array:
+        """Return limits of segments as those of their pieces, `(2, pieces, joints)`."""
+        whole = np.broadcast_to(limits, (2, segments, joints))
+        return np.array(np.repeat(whole, PIECES, axis=1))
+
+    v, a = by_piece(rate * scaled.v), by_piece(bend * scaled.a)
+    jerk = np.where(jerky, by_piece(unit**3 / way * steepest), 0.0)
+    v_at_start, a_at_start = v.copy(), a.copy()
+    at_waypoints, at_ends = slice(PIECES, None, PIECES), slice(PIECES - 1, None, PIECES)
+    v_at_start[:, at_waypoints] = rate * scaled.waypoint_v
+    a_at_start[:, at_waypoints] = np.where(jerky, bend * scaled.waypoint_a, a[:, at_waypoints])
+    v_at_start[:, 0] = rate * scaled.end_v[0]
+    # a joint without a jerk limit begins with any acceleration, and it may jump at each break
+    a_at_start[:, 0] = np.where(jerky, bend * scaled.end_a[0], a[:, 0])
+    jumps = np.where(jerky, 0.0, np.inf) * np.ones_like(a[0])
+    box = scaled.tolerance / way
+    least = np.maximum(scaled.shortest * (not box.any()), scaled.least) / unit
+    shares = times / unit
+    lengths = np.repeat(shares[:, None] / PIECES, PIECES, axis=0) * np.ones_like(a[0])
+    still = np.zeros_like(lengths)
+    low = flat(least, still, v_at_start[0], a_at_start[0], jerk[0], -box)
+    high = flat(_LONGEST * shares, still + np.inf, v_at_start[1], a_at_start[1], jerk[1], box)
+    if np.any(low > high):
+        return None
+    h = scaled.h / way
+    mean = np.repeat(h / shares[:, None], PIECES, axis=0)
+    run = _solver(segments, joints)(
+        start=np.clip(flat(shares, lengths, mean, still, still, 0 * box), low, high),
+        parameters=flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:]),
+        bounds=(low, high),
+        constraint_bounds=(
+            flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
+            flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
+        ),
+    )
+    if not run.success:
+        return None
+    shapes = [times.shape, *([still.shape] * 4), box.shape]
+    found, _, velocity, acceleration, _, offset = unflat(run.x, shapes)
+    found = unit * found
+    states = velocity[at_waypoints] / rate, jerky * acceleration[at_waypoints] / bend
+    tables: Any = NearTables if box.any() else JerkTables
+    point = tables(scaled).linked(found[None], *(own[None] for own in states))
+    if box.any():
+        point = point._replace(offset=(way * offset)[None])
+    return LocalOptimum(float(found.sum()), found, point, "Converged")
+
+
+@cache
+def _solver(segments: int, joints: int) -> Program:
+    """Return the program for all problems of this size, built once; its data are parameters."""
+    ca = backend("casadi")
+    count = segments * PIECES
+
+    def table(rows: int) -> Any:
+        return ca.MX.sym("table", rows, joints)
+
+    times = ca.MX.sym("T", segments)
+    lengths, velocity, acceleration, jerk = (table(count) for _ in range(4))
+    offset = table(segments - 1)
+    h, end_v, end_a = table(segments), table(1), table(1)
+    of_segments = np.repeat(np.eye(segments), PIECES, axis=0).T
+    d = lengths
+    after_v = velocity + d * (acceleration + d * jerk / 2)
+    after_a = acceleration + d * jerk
+    next_v = ca.vertcat(velocity[1:, :], end_v)
+    next_a = ca.vertcat(acceleration[1:, :], end_a)
+    way = of_segments @ (d * (velocity + d * (acceleration / 2 + d * jerk / 6)))
+    still = ca.MX.zeros(1, joints)
+    moved = ca.vertcat(offset, still) - ca.vertcat(still, offset)
+    return program(
+        "free_pieces",
+        variables=[times, lengths, velocity, acceleration, jerk, offset],
+        parameters=[h, end_v, end_a],
+        objective=ca.sum1(times),
+        constraints=[
+            of_segments @ lengths - ca.repmat(times, 1, joints),
+            way - moved - h,
+            after_v - next_v,
+            after_a - next_a,
+            after_a,
+            velocity + d * acceleration / 2,
+            after_v[PIECES - 1 :: PIECES, :],
+        ],
+        options=_OPTIONS,
+    )
