@@ -121,6 +121,12 @@ def least(
     return _ScaledProgram(problem, measure, duration).solve(None, start)
 
 
+def free(problem: Problem, measure: Measure, duration: float) -> Least | None:
+    """Return the smoothest motion of this duration, s, if it meets no limit; else None."""
+    found = _ScaledProgram(problem, measure, duration).free()
+    return None if found is None or found.limits_act else found
+
+
 def shortest(
     problem: Problem,
     measure: Measure,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from trajopt.judging.smoothness import FrontPoint
 from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 from trajopt.planners.rest_to_rest import end_to_end_bound
+
+if TYPE_CHECKING:
+    from baselines.front.least import Least
 
 # The duration where neither a duration nor a budget is given, relative to the shortest known one.
 _DEFAULT_FACTOR = 1.2
@@ -76,9 +79,13 @@ class Smooth(Planner):
         answer for another duration.
         """
         # late: planners that are only listed need none of it
-        from baselines.front.least import least, shortest
+        from baselines.front.least import free, least, shortest
         from baselines.lower_bound.incumbent import incumbent
 
+        if self.duration is not None:
+            unhindered = free(problem, self.measure, self.duration)
+            if unhindered is not None:
+                return _solved(unhindered)
         known = incumbent(problem, _REFERENCE_SECONDS)
         start = None if known is None else known.trajectory
         duration = self.duration
@@ -102,5 +109,9 @@ class Smooth(Planner):
             )
             message = f"no motion found with {asked}{shortest_known}"
             return Solution(Status.FAILED, message=message)
-        stats = {"value": found.value, "limits_act": int(found.limits_act)}
-        return Solution(Status.SOLVED, found.trajectory, stats=stats)
+        return _solved(found)
+
+
+def _solved(found: Least) -> Solution:
+    stats = {"value": found.value, "limits_act": int(found.limits_act)}
+    return Solution(Status.SOLVED, found.trajectory, stats=stats)

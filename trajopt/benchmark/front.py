@@ -22,8 +22,10 @@ from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.judging.smoothness import FrontPoint, unit
+from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import configured, entries
+from trajopt.planners.rest_to_rest import stop_times
 
 Measure = Literal["jerk", "acceleration"]
 
@@ -158,6 +160,49 @@ def front(
     planner = cast(KnowsFront, smooth)
     asked = None if durations is None else sorted(map(float, durations))
     return Front(given, measure, tuple(planner.front(given, asked, time_limit)))
+
+
+@dataclass(frozen=True)
+class FreeLeast:
+    """The least ∫ jerk² known of all durations in which the smoothest motion meets no limit.
+
+    Without active limits the smoothest motion of another duration is a dilation of this one, and
+    its integral is `constant / duration⁵`.
+
+    Attributes:
+        constant: Integral of a motion of 1 s, in the problem's units.
+        shortest: The shortest duration in which it keeps every limit, s.
+    """
+
+    constant: float
+    shortest: float
+
+    def times(self, duration: float, value: float) -> float | None:
+        """Return an integral over the least of the same duration; None where limits act."""
+        if duration < self.shortest * (1 - _SHORTEST_RTOL):
+            return None
+        return value * duration**5 / self.constant
+
+
+def free_least(problem: Problem) -> FreeLeast | None:
+    """Return the least ∫ jerk² where no limit acts, from one short search; None if one always does.
+
+    None too where the front does not know the problem's limits or demands.
+    """
+    if _unknown(_smooth("jerk"), problem) is not None:
+        return None
+    slow = _SLOW * float(stop_times(problem).sum())
+    solution = _smooth("jerk", duration=slow).solve(problem)
+    motion = solution.trajectory
+    if motion is None or solution.stats["limits_act"]:
+        return None
+    shortest = motion.duration * verify(problem, motion).dilation
+    return FreeLeast(float(solution.stats["value"]) * motion.duration**5, shortest)
+
+
+# A duration in which limits rarely act, relative to that of stopping at every waypoint.
+_SLOW = 3.0
+_SHORTEST_RTOL = 1e-9
 
 
 def _unknown(smooth: Planner, problem: Problem) -> str | None:

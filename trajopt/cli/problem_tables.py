@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isnan
 
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.console import PlainTable
 from trajopt.views import table_cells
+from trajopt.views.analysis.least_jerk import times_the_least
 from trajopt.views.analysis.results import Line
 from trajopt.views.results import Results
 
@@ -37,6 +38,9 @@ def show(results: Results) -> None:
                 console.paragraph(_why_not_solved(line))
         own = [trial for trial in results.items if trial.digest == digest]
         console.paragraph(_caption(lines, _readings(own)))
+        smooth = times_the_least(own)
+        if smooth:
+            console.paragraph(_smoothness(smooth))
         console.paragraph()
 
 
@@ -53,6 +57,13 @@ def _comparison(lines: Sequence[Line]) -> PlainTable:
     for line, own in zip(lines, rows, strict=True):
         table.row(console.option_lines(line.label), *(own[name] for name in cells))
     return table
+
+
+def _smoothness(times: Mapping[str, float]) -> str:
+    """Name the planners whose motions do not jump, the least ∫ jerk² for its duration first."""
+    ordered = sorted(times.items(), key=lambda own: own[1])
+    said = ", ".join(f"{label} {table_cells.times(ratio)}" for label, ratio in ordered)
+    return f"{table_cells.LEAST_JERK}: {said} (`trajopt front` has the others)."
 
 
 def _why_not_solved(line: Line) -> str:

@@ -73,6 +73,17 @@ def integral(value: float | None) -> str:
     return f"{value:.3e}" if value >= 1e6 or digits > 7 else f"{value:.{digits}f}"
 
 
+def times(value: float | None) -> str:
+    """Return a ratio to a least value with three digits."""
+    if value is None:
+        return MISSING
+    return f"{value:.{max(0, 2 - floor(log10(value)))}f}"
+
+
+LEAST_JERK = "∫ jerk² over the least known of a motion of the same duration"
+"""What a ratio of ∫ jerk² is; there is none where limits act on that motion."""
+
+
 def probability(value: float) -> str:
     """Return a p-value as text."""
     return f"< {SMALLEST_P}" if value < SMALLEST_P else number(value, ".3f")

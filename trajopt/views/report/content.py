@@ -19,6 +19,7 @@ from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
+from trajopt.views.analysis.least_jerk import times_the_least
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
@@ -26,6 +27,7 @@ from trajopt.views.figures.style import BLACK, CURVES, MARKERS, places
 from trajopt.views.report import lines, origin, verdict
 
 MAX_NUMBERS_SAID = 12  # of a demand, in a problem's line
+MAX_LEAST_SEARCHES = 20  # problems whose least ∫ jerk² is searched
 MAX_WAYPOINTS_SHOWN = 50  # in a problem's table
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
@@ -93,6 +95,8 @@ class Page:
     def columns(self) -> dict[str, str]:
         """Headings of the table of problems and planners, by column."""
         left_out = () if self.has_library else ("library_time",)
+        if not any(self.times_least):
+            left_out = (*left_out, "times_least")
         return {name: title for name, title in lines.COLUMNS.items() if name not in left_out}
 
     @property
@@ -106,6 +110,28 @@ class Page:
         return f" Library: {table_cells.LIBRARY}." if self.has_library else ""
 
     @cached_property
+    def times_least(self) -> list[dict[str, float]]:
+        """Per problem, each planner's ∫ jerk² over the least of its duration, by label.
+
+        A search a problem takes a tenth of a second, so only the first problems have it.
+        """
+        groups = self.trials_by_problem
+        found = [times_the_least(trials) for trials in groups[:MAX_LEAST_SEARCHES]]
+        return found + [{} for _ in groups[MAX_LEAST_SEARCHES:]]
+
+    @property
+    def least(self) -> str:
+        """What the column of ratios of ∫ jerk² means; empty without one."""
+        if not any(self.times_least):
+            return ""
+        few = len(self.problems) > MAX_LEAST_SEARCHES
+        where = f", for the first {MAX_LEAST_SEARCHES} problems" if few else ""
+        return (
+            f" ∫ jerk² is of the certified motion; × least: {table_cells.LEAST_JERK}, where no "
+            f"limit acts on that{where}."
+        )
+
+    @cached_property
     def rows(self) -> list[dict[str, Any]]:
         rows = []
         for row in self.summary.itertuples():
@@ -115,7 +141,9 @@ class Page:
                 "name": row.problem,
                 "label": row.label,
                 "status": row.status,
-                "cells": lines.of_row(row),
+                "cells": lines.of_row(
+                    row, self.times_least[self.digests[row.digest]].get(row.label)
+                ),
             }
             rows.append(line)
         return sorted(rows, key=lambda line: line["problem"])  # stable: the best stay first

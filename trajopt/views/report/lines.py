@@ -22,6 +22,7 @@ COLUMNS = {  # headings, with units, of the table of problems and planners
     "gap": "gap (%)",
     "dilation": "dilation",
     "jerk_integral": "∫ jerk²",
+    "times_least": "× least",
     "evaluations": "evaluations",
     "solve_time": "time (s)",
     "library_time": "library (s)",
@@ -39,13 +40,15 @@ class NumberCell:
     value: float | None = None
 
 
-def of_row(row: Any) -> dict[str, NumberCell]:
-    """The cells of a row of `Results.summary()`."""
+def of_row(row: Any, times_least: float | None) -> dict[str, NumberCell]:
+    """The cells of a row of `Results.summary()`, and of `least_jerk.times_the_least`."""
     values = row._asdict()
+    values["times_least"] = times_least
     values["solved"] = row.solved / row.runs
     values["quartiles"] = row.q3 - row.q1
     found = {}
-    for name, text in table_cells.of_summary(row).items():
+    cells = table_cells.of_summary(row) | {"times_least": table_cells.times(times_least)}
+    for name, text in cells.items():
         known = (table_cells.TO_ROUNDING, table_cells.INFINITE)
         ranked = text in known or any(map(str.isdigit, text))
         found[name] = NumberCell(text, values[name]) if ranked else NumberCell(table_cells.MISSING)
