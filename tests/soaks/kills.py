@@ -1,12 +1,15 @@
 """Is anything lost or torn when a run is killed? `kill -9` at random moments.
 
-    python tests/soak.py kills               # 200 kills, about ten minutes
+    python tests/soak.py kills               # 240 kills, about fifteen minutes
     python tests/soak.py kills --quick       # 5
 
 A child process runs a small sweep. Each of its calls, or of its judges', that changes a file
-permanently (sync, rename, removal) is slowed down and reported. The child is killed soon after a
-random report, so at any step and between any two. Then at least the reported trials must be there,
-every file whole and equal to the reference, and a resumed run must end as the reference does. One
+permanently (sync, rename, removal) is slowed down and reported, and so is the making of
+`results.h5`. The child is killed soon after a random report, so at any step and between any two;
+every second one while `results.h5` is made and written. Every sixth has another run beside it in
+the same folder, which goes on. Then at least the reported trials must be there, every file whole
+and equal to the reference, and a resumed run must end as the reference does, with a `results.h5`
+that is byte for byte the one made from the texts alone. One
 row per kill goes to `kills.csv` in `--output` as soon as it is known; running again does only what
 is missing. Needs POSIX.
 """
@@ -30,16 +33,20 @@ import pandas as pd
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import compare
-from trajopt.benchmark.store.folder import recorded
+from trajopt.benchmark.store.folder import Store, recorded
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import StoreError, TrajoptError
 from trajopt.planners.registry import named
+from trajopt.views.analysis.gap_reference import best
 
 PROBLEMS = ("one-joint", "six-axis")
 SPECS = ("ruckig-stop", "unoptimised", "exact:starts=1", "pso:iterations=20")
-STEPS = ["solving", "fsync", "replace", "unlink", "end"]
+CALLS = ["solving", "fsync", "replace", "unlink"]
+MAKING = "results.h5"  # told before it is made
+STEPS = [*CALLS, *(f"{MAKING}: {step}" for step in ("making", *CALLS)), "end"]
 TIMEOUT_S = 60.0
 DELAY_S = 0.05
+BESIDE_EVERY = 6  # kills
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
 
 # Judges; half the trials and a results.h5 are there already; the judges are killed as well.
@@ -120,11 +127,23 @@ for name in ("fsync", "replace", "unlink"):
 """
 _PROGRAM = """
 import sys
+import time
 from pathlib import Path
 
 from soaks.kills import sweep
+from trajopt.benchmark.store import results_file
 from sitecustomize import tell
 
+own = results_file.content
+
+
+def content(*arguments):
+    tell("results.h5")
+    time.sleep(0.02)
+    return own(*arguments)
+
+
+results_file.content = content
 sweep(Path(sys.argv[1]), jobs=int(sys.argv[2]), progress=lambda own: tell(own.finished))
 tell("end")
 """
@@ -144,6 +163,7 @@ def told(
     delay: float = 0.0,
     *,
     workers_too: bool = True,
+    beside: bool = False,
 ) -> tuple[list[Word], float]:
     """Run the sweep in a process group; return its messages, and when it was killed.
 
@@ -153,6 +173,7 @@ def told(
         words: It is killed after so many words; never if left out.
         delay: So long after them, s.
         workers_too: True to kill the whole group; else its judges end by themselves.
+        beside: Whether another run fills the same folder, which is not killed.
 
     Raises:
         TrajoptError: It failed by itself.
@@ -161,14 +182,16 @@ def told(
     site = folder.parent / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(_SITE)
-    child = subprocess.Popen(
+    started = partial(
+        subprocess.Popen,
         [sys.executable, "-c", _PROGRAM, str(folder.absolute()), str(jobs)],
-        stdout=subprocess.PIPE,
         bufsize=0,  # a line leaves all that follows to `communicate`
         stderr=subprocess.DEVNULL,
         start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(site.absolute()), *sys.path])},
     )
+    child = started(stdout=subprocess.PIPE)
+    other = started(stdout=subprocess.DEVNULL) if beside else None
     lines = []
     killed = np.inf
     if words is not None and child.stdout is not None:
@@ -178,6 +201,8 @@ def told(
         killed = time.monotonic()
         kill(child.pid, signal.SIGKILL)
     rest, _ = child.communicate(timeout=TIMEOUT_S)
+    if other is not None and other.wait(TIMEOUT_S) != 0:
+        raise TrajoptError(f"the run beside it ended with exit code {other.returncode}")
     if child.returncode not in (0, -signal.SIGKILL):
         code = child.returncode
         raise TrajoptError(f"the child ended by itself, with exit code {code}")
@@ -196,28 +221,31 @@ def prepared(output: Path, name: str, half: bool) -> Path:
 
 
 @cache
-def uninterrupted(output: Path, jobs: int, half: bool) -> int:
-    """Count the messages of a run that is not killed."""
+def uninterrupted(output: Path, jobs: int, half: bool) -> tuple[int, int]:
+    """Count the messages of a run that is not killed: before `results.h5` is made, and all."""
     folder = prepared(output, "uninterrupted", half)
-    words, _ = told(folder, jobs)
+    words = [word for _, word in sorted(told(folder, jobs)[0])]
     shutil.rmtree(folder)
-    return len(words)
+    return words.index(MAKING), len(words)
 
 
 def attempt(output: Path, number: int) -> list[dict[str, Any]]:
     """Kill a run at a random moment, check it, resume it, check again; return the row."""
     jobs, half, workers_too = SETTINGS[number % len(SETTINGS)]
     draw = np.random.default_rng([1, number])
-    after = draw.integers(uninterrupted(output, jobs, half))
+    making, count = uninterrupted(output, jobs, half)
+    after = draw.integers(making if number % 2 else 0, count)
+    beside = number % BESIDE_EVERY == 0
     delay = draw.uniform(0.0, DELAY_S)
     folder = prepared(output, f"kill-{number}", half)
     stored = _trials(folder.glob("trials/*.json"))
-    words, killed = told(folder, jobs, int(after), delay, workers_too=workers_too)
+    words, killed = told(folder, jobs, int(after), delay, workers_too=workers_too, beside=beside)
     promised = max([int(word) for _, word in words if word.isdigit()], default=len(stored))
     row: dict[str, Any] = {
         "jobs": jobs,
         "half": half,
         "workers too": workers_too,
+        "beside": beside,
         "hit": hit([own for own in words if own[0] <= killed]),
         "promised": promised,
         "after": after,
@@ -231,7 +259,10 @@ def attempt(output: Path, number: int) -> list[dict[str, Any]]:
 def hit(words: Sequence[Word]) -> str:
     """Return the step that the run had reached at its last message."""
     _, last = max(words, default=(0.0, "solving"))
-    return "solving" if last.isdigit() else last
+    step = "solving" if last.isdigit() else last
+    if step == "end" or MAKING not in [word for _, word in words]:
+        return step
+    return f"{MAKING}: {'making' if step == MAKING else step}"
 
 
 def faults(folder: Path, promised: int, stored: set[str], expected: Answers) -> dict[str, Any]:
@@ -255,6 +286,10 @@ def faults(folder: Path, promised: int, stored: set[str], expected: Answers) -> 
     unequal: set[str] = set()
     for end in (resumed, answers(recorded(folder / "results.h5"))):
         unequal |= {i for i, _ in end.items() ^ expected.items()}
+    merged = (folder / "results.h5").read_bytes()
+    (folder / "results.h5").unlink()
+    if Store(folder).consolidate(references=best).read_bytes() != merged:
+        unequal.add("results.h5")
     return {
         "whole": len(kept),
         "temporaries": len(temporaries),
@@ -295,7 +330,7 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     return summary.rename_axis("step hit")
 
 
-def main(tries: int = 200, output: Path = Path("results/kills"), quick: bool = False) -> None:
+def main(tries: int = 240, output: Path = Path("results/kills"), quick: bool = False) -> None:
     """Kill that often and print the table; `kills-by-step.csv` and `.md` in `output` too."""
     if quick:
         tries = min(tries, 5)

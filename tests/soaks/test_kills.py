@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL and process 
 
 def test_five_kills_lose_and_tear_nothing(tmp_path, capsys, monkeypatch):
     # fewer words than a child tells: no run to learn from
-    monkeypatch.setattr(kills, "uninterrupted", lambda *_: 90)
+    monkeypatch.setattr(kills, "uninterrupted", lambda *_: (80, 90))
     kills.main(output=tmp_path, quick=True)
     rows = pd.read_csv(tmp_path / "kills.csv")
     assert (rows[kills.FAULTS] == 0).all(axis=None), rows.to_string()
@@ -31,13 +31,15 @@ def test_five_kills_lose_and_tear_nothing(tmp_path, capsys, monkeypatch):
     assert list(table.index) == [*kills.STEPS, "all"]
     *by_step, every = table["kills"]
     assert every == sum(by_step) == 5
-    assert capsys.readouterr().out.count("replace") == 2
+    assert capsys.readouterr().out.count(": replace") == 2
 
 
 def test_the_child_tells_every_step_and_how_many_trials_are_kept(tmp_path):
     told, _ = kills.told(tmp_path / "run", jobs=0)
     words = [word for _, word in told]
-    assert set(words) - {str(number) for number in range(23)} == set(kills.STEPS)
+    steps = {*kills.CALLS, kills.MAKING, "end"}
+    assert set(words) - {str(number) for number in range(23)} == steps
+    assert "replace" in words[words.index(kills.MAKING) :]
     assert words[-1] == "end"
     assert "22" in words
     # each of 22 trials and results.h5 is renamed into place once; what is unfinished is said before
