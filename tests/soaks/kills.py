@@ -182,16 +182,20 @@ def told(
     site = folder.parent / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(_SITE)
-    started = partial(
-        subprocess.Popen,
-        [sys.executable, "-c", _PROGRAM, str(folder.absolute()), str(jobs)],
-        bufsize=0,  # a line leaves all that follows to `communicate`
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(site.absolute()), *sys.path])},
-    )
-    child = started(stdout=subprocess.PIPE)
-    other = started(stdout=subprocess.DEVNULL) if beside else None
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(site.absolute()), *sys.path])}
+
+    def started(output: int) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM, str(folder.absolute()), str(jobs)],
+            stdout=output,
+            bufsize=0,  # a line leaves all that follows to `communicate`
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            env=environment,
+        )
+
+    child = started(subprocess.PIPE)
+    other = started(subprocess.DEVNULL) if beside else None
     lines = []
     killed = np.inf
     if words is not None and child.stdout is not None:
