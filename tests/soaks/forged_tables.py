@@ -362,7 +362,9 @@ def forgeries(file: h5py.File) -> Iterator[Forgery]:
         own = ("group", OF_GROUPS) if is_group else ("column", OF_COLUMNS)
         for of, edits in (("group or column", OF_OBJECTS), own):
             for edit, change in edits.items():
-                yield Forgery(of, edit, place, partial(_at, change, place), f"/{place}")
+                # from other texts other tables follow: what is named is these
+                named = "" if place == "texts" else f"/{place}"
+                yield Forgery(of, edit, place, partial(_at, change, place), named)
     for place in ["/", *places]:
         for name in file[place].attrs:
             for edit, change in OF_ATTRIBUTES.items():

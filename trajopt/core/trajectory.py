@@ -124,6 +124,12 @@ class Trajectory:
         """The arrays alone: results computed from them are not sent between processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
+    def __setstate__(self, arrays: dict[str, Array]) -> None:
+        """Take arrays from another process, which are as unchangeable here."""
+        for array in arrays.values():
+            array.setflags(write=False)
+        self.__dict__.update(arrays)
+
     def dilated(self, factor: float) -> Trajectory:
         """Slow the motion down `factor` times: the n-th derivative divides by `factor ** n`.
 

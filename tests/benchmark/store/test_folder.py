@@ -2,6 +2,7 @@
 
 import errno
 import os
+import pickle
 import platform
 import re
 import signal
@@ -18,8 +19,8 @@ import pytest
 from trials import assert_same, edited, solved
 
 from trajopt import Solution, Status, StoreError
-from trajopt.benchmark.store import folder as store
-from trajopt.benchmark.store import results_file
+from trajopt.benchmark.store import folder as module
+from trajopt.benchmark.store import results_file, trial_text
 from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, recorded, save
 
 
@@ -150,10 +151,36 @@ def test_trials_that_finish_together_are_synced_before_any_is_renamed(tmp_path, 
     monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
     monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     trials = [replace(trial, seed=seed) for seed in range(3)]
-    paths = [written.path for written in Store(tmp_path).write_all(trials)]
+    paths = [written.found.path for written in Store(tmp_path).write_all(trials)]
     assert steps == [".tmp", ".tmp", ".tmp", "rename", "rename", "rename", ""]
     assert paths == [Store(tmp_path).path(one.id) for one in trials]
     assert {t.id for t in read(tmp_path)} == {one.id for one in trials}
+
+
+def test_what_judges_of_this_run_send_is_not_read_again(tmp_path, trial, monkeypatch):
+    store = Store(tmp_path)
+    sent = [pickle.dumps(store.write_all([replace(trial, seed=seed)])) for seed in range(4)]
+    with monkeypatch.context() as patched:
+        patched.setattr(trial_text, "read", pytest.fail)
+        seen = module.Seen()
+        for message in sent:
+            seen.add(pickle.loads(message), trusted=True)
+        merged = store.consolidate(seen).read_bytes()
+    found = list(seen.trials.values())
+    for own, other in zip(found, sorted(recorded(tmp_path), key=lambda one: one.seed), strict=True):
+        assert_same(own, other)
+    assert len({id(own.problem) for own in found}) == 1
+    assert not any(own.solution.trajectory.breaks.flags.writeable for own in found)
+    store.results.unlink()
+    assert store.consolidate().read_bytes() == merged
+    unknown = module.Seen()  # of an executor's worker: read, and judged
+    monkeypatch.setattr(trial_text, "read", refused)
+    with pytest.raises(OSError, match="read"):
+        unknown.add(pickle.loads(sent[0]), trusted=False)
+
+
+def refused(text):
+    raise OSError("read")
 
 
 def test_what_the_disk_refuses_does_not_take_those_before_it_along(tmp_path, trial, monkeypatch):
@@ -553,7 +580,7 @@ def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial
 
 def test_a_trial_that_another_run_finishes_meanwhile_is_read(tmp_path, trial, monkeypatch):
     results = Store(tmp_path)
-    listed = store._trial_files
+    listed = module._trial_files
     results.write(absent_of(trial))
 
     def then_finished(folder):
@@ -561,7 +588,7 @@ def test_a_trial_that_another_run_finishes_meanwhile_is_read(tmp_path, trial, mo
         results.write(trial)
         return found
 
-    monkeypatch.setattr(store, "_trial_files", then_finished)
+    monkeypatch.setattr(module, "_trial_files", then_finished)
     assert [t.status for t in results.read()] == [Status.SOLVED]
 
 

@@ -35,7 +35,6 @@ from trajopt.benchmark.run.judge import (
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.solver import Describe, Surroundings
 from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task, missing
-from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import Configuration, Trial, answered, copied, now
 from trajopt.core.demand import DEMANDS
@@ -252,7 +251,7 @@ class Supervised(Planner):
             tasks = list(missing(task, set()))
             run = here if self._allowed.jobs == 0 else self._judges.run
             found = [one for done in run(tasks, store, self._allowed) for one in done.written]
-        trials = [trial_text.read(one.text) for one in found]
+        trials = [one.trial for one in found]
         return sorted(trials, key=lambda trial: trial.seed)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -13,7 +13,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -28,6 +28,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
 from trajopt.core.harmless import harmless
+from trajopt.core.problem import Problem
 from trajopt.explain.references import PROVERS, REFERENCES
 
 T = TypeVar("T")
@@ -76,13 +77,20 @@ def _pass(error: Damaged) -> None:
     """Do nothing with a damaged file: its trial runs again, and readers of the folder warn."""
 
 
-class Written(NamedTuple):
-    """A trial's file, its stamp, its text, and its row of `results.h5` where a judge made it."""
+class Found(NamedTuple):
+    """A trial's file, its stamp, and its text."""
 
     path: Path
     stamp: Stamp | None
     text: bytes
-    row: tuple[Key, Table] | None = None
+
+
+class Written(NamedTuple):
+    """What was stored, the trial that its text states, and its row of `results.h5`."""
+
+    found: Found
+    trial: Trial
+    row: tuple[Key, Table]
 
 
 @dataclass(frozen=True)
@@ -107,7 +115,7 @@ class Store:
             StoreError: The disk refuses; what was stored before stays as it was.
         """
         (written,) = self.write_all([trial])
-        return written.path
+        return written.found.path
 
     def write_all(
         self, trials: Iterable[Trial], instead: Callable[[Trial], Trial] | None = None
@@ -122,7 +130,7 @@ class Store:
         Raises:
             StoreError: The disk refuses a file. Those before it are kept.
         """
-        made: dict[Path, tuple[bytes, tuple[Key, Table]]] = {}
+        made: dict[Path, tuple[bytes, Trial, tuple[Key, Table]]] = {}
         for trial in trials:
             kept = trial
             try:
@@ -135,12 +143,16 @@ class Store:
                 kept = instead(trial)
                 text, stated = trial_text.written(kept)
             path = self.path(kept.id, unanswered=kept.runs_again)
-            made[path] = text, _row(verdicts.with_motion(stated, kept.certificate), text)
-        atomic.write_all({path: text for path, (text, _) in made.items()})
+            row = _row(verdicts.with_motion(stated, kept.certificate), text)
+            made[path] = text, stated, row
+        atomic.write_all({path: text for path, (text, *_) in made.items()})
         for path in made:
             if not _is_unanswered(path):
                 self.path(path.stem, unanswered=True).unlink(missing_ok=True)
-        return [Written(path, _stamp(path), *own) for path, own in made.items()]
+        return [
+            Written(Found(path, _stamp(path), text), trial, row)
+            for path, (text, trial, row) in made.items()
+        ]
 
     def consolidate(self, seen: Seen | None = None, references: References | None = None) -> Path:
         """Write `results.h5` of every trial's text; warns of damaged ones (`DamagedFile`).
@@ -244,14 +256,15 @@ class Store:
         for own_id in texts.keys() - entries.keys():
             try:
                 with _reading(self.path(own_id)):
-                    trial = verdicts.judged(trial_text.read(texts[own_id]))
+                    text = texts[own_id]
+                    trial = trials.get(own_id) or verdicts.judged(trial_text.read(text))
             except Damaged as error:
                 damaged(error)
             except WrongSchema:
                 damaged(Damaged(self.path(own_id), _OTHER_VERSION))
             else:
                 trials[own_id] = trial
-                entries[own_id] = results_file.entry(*_row(trial, texts[own_id]))
+                entries[own_id] = results_file.entry(*_row(trial, text))
         return _arranged(entries, texts, trials, references)
 
     def restore(self, seen: Seen) -> None:
@@ -286,7 +299,7 @@ class Store:
             holds = trial is None or not trial.differences
             counts[holds] += trial is not None
             if holds:
-                found.keep(Written(path, stamps[path], text), trial)
+                found.keep(Found(path, stamps[path], text), trial)
         _warn_of_unheld(self.folder, counts[False], counts.total())
         try:
             with _reading(self.results):
@@ -318,7 +331,8 @@ class Seen:
         self.trials: dict[str, Trial] = {}
         self.rows: dict[str, tuple[Key, Table]] = {}
         self.versions: list[Version] = []
-        self._written: dict[str, Written] = {}
+        self._found: dict[str, Found] = {}
+        self._problems: dict[Key, Problem] = {}
 
     def add(self, written: Iterable[Written], *, trusted: bool) -> None:
         """Keep what has been stored.
@@ -328,31 +342,35 @@ class Seen:
             trusted: Whether this run started them, from this installation; else the trials are
                 judged again.
         """
-        for one in written:
-            trial = trial_text.read(one.text)
-            own = one._replace(row=one.row if trusted else None)
-            self.keep(own, trial if trusted else verdicts.judged(trial))
+        for found, trial, row in written:
+            if not trusted:
+                self.keep(found, verdicts.judged(trial_text.read(found.text)))
+                continue
+            key, _ = row
+            if key not in self._problems:  # one object, however many trials it has
+                self._problems[key] = trial_text.problem(found.text)
+            self.keep(found, replace(trial, problem=self._problems[key]), row)
 
-    def keep(self, one: Written, trial: Trial | None) -> None:
-        """Keep a file, and the trial in it."""
-        own_id = _id(one.path)
-        self._written[own_id] = one
+    def keep(self, found: Found, trial: Trial | None, row: tuple[Key, Table] | None = None) -> None:
+        """Keep a file, the trial in it, and its row."""
+        own_id = _id(found.path)
+        self._found[own_id] = found
         self.rows.pop(own_id, None)
-        if one.row is not None:
-            self.rows[own_id] = one.row
+        if row is not None:
+            self.rows[own_id] = row
         if trial is not None:
             self.trials[own_id] = trial
 
     def text(self, path: Path, damaged: OnDamage) -> bytes | None:
         """Return the text in a file; None if it is damaged."""
-        known = self._written.get(_id(path))
+        known = self._found.get(_id(path))
         if known and known.path == path and known.stamp == _stamp(path):
             return known.text
         try:
             text = _one(path, bytes)
             if known and known.text != text:  # another run, or worker, finished it too
                 trial = _one(path, trial_text.read) if _id(path) in self.trials else None
-                self.keep(Written(path, _stamp(path), text), trial and verdicts.judged(trial))
+                self.keep(Found(path, _stamp(path), text), trial and verdicts.judged(trial))
             return text
         except Damaged as error:
             damaged(error)
@@ -362,8 +380,8 @@ class Seen:
 
     def lost(self) -> dict[Path, bytes]:
         """Return the files that somebody else has removed or changed, and their texts."""
-        written = self._written.values()
-        return {one.path: one.text for one in written if _stamp(one.path) != one.stamp}
+        found = self._found.values()
+        return {one.path: one.text for one in found if _stamp(one.path) != one.stamp}
 
 
 # --- rows of results.h5 ---
