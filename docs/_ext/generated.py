@@ -23,6 +23,7 @@ from sphinx.application import Sphinx
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import literature
+from trajopt.cli.app import app
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.registry import entries
@@ -35,7 +36,6 @@ from matplotlib import pyplot as plt
 
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
-COMMANDS = "compare plan judge verify prove explain best-known claims suite report export list new"
 
 
 def write(path: Path, text: str) -> None:
@@ -522,7 +522,8 @@ are missing it says how many there are. Of code {gaps[name]["commit"]}.
 def command_page() -> None:
     """Write what every command's `--help` prints."""
     parts = ["# Command line\n"]
-    for command in ["", *COMMANDS.split()]:
+    commands = [name for name in app if not name.startswith("-")]
+    for command in ["", *commands]:
         said = printed(*filter(None, [command]), "--help")
         parts.append(f"## trajopt {command}\n\n```text\n{said.rstrip()}\n```\n")
     write(DOCS / "reference" / "command-line.md", "\n".join(parts))
