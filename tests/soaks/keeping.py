@@ -5,12 +5,13 @@
     python tests/soak.py keeping --quick                # a few trials
 
 Real trials of three kinds are kept again and again under new seeds: of three pieces, of the
-six-axis problem, and of motions of 1,660 pieces of 8 joints. Each measurement is a process of its
-own. *judging* is what a judge does beside its verdict: the trial's text, and its row. *keeping* is
-what the run does with each: reading the text once, and `results.h5`. Then one trial is added to
-many. Last, `export`, `report` and `diff` read folders; the exponent is that of their times between
-two numbers of trials, from an empty command's time on (1: linear). Files are in memory
-(`/dev/shm`), where there is such a place, so that no disk is measured. Tables go to `--output`.
+six-axis problem (96 of nine planners), and of motions of 1,660 pieces of 8 joints. Each measurement
+is a process of its own. *judging* is what a judge does beside its verdict: the trial's text, and
+its row; judges work side by side. *keeping* is what the run does with each message of a judge, and
+*results.h5* its share of writing that once. Then one trial is added to many. Last, `export`,
+`report` and `diff` read folders; the exponent is that of their times between two numbers of trials,
+from an empty command's time on (1: linear). Files are in memory (`/dev/shm`), where there is such a
+place, so that no disk is measured. Tables go to `--output`.
 """
 
 from __future__ import annotations
@@ -23,13 +24,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from math import log
 from pathlib import Path
+from shutil import rmtree
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from experiments.common.output import save_table, say
-from trajopt import compare
-from trajopt.benchmark.suites import catalogue
 
 SOURCES = Path(__file__).parents[2]
 MEMORY = Path("/dev/shm")
@@ -86,6 +86,18 @@ print(json.dumps(spent | {"MB": store.results.stat().st_size / 1e6}))
 """
 
 
+_COMPARED = """
+import sys
+
+from trajopt import compare
+from trajopt.benchmark.suites import catalogue
+
+folder, name, seeds, *planners = sys.argv[1:]
+problems = {own.name: own for _, own in catalogue.every_problem().values()}
+compare(problems.get(name) or catalogue.load(name), planners, folder, seeds=int(seeds))
+"""
+
+
 class Kind(NamedTuple):
     """Trials to keep: of a problem, by these planners."""
 
@@ -95,18 +107,18 @@ class Kind(NamedTuple):
     together: int = 1000  # trials that are kept at once
 
 
+ONCE = ("toppra", "ruckig-search", "ruckig-stop", "exact", "spline353-nlp", "unoptimised")
 KINDS = {
     "3 pieces, 1 joint": Kind("one-joint", ("unoptimised", "ruckig-stop", "pso:iterations=20")),
-    "six-axis": Kind("six-axis", ("toppra", "ruckig-search", "spline353-nlp", "exact", "issa")),
+    "six-axis": Kind("six-axis", (*ONCE, "pso", "ssa", "issa"), 30),
     "1,660 pieces, 8 joints": Kind(LONG, ("ruckig-stop",), 1, 200),
 }
 
 
-def based(kind: Kind, folder: Path) -> Path:
-    """Compare the planners of a kind; return the folder."""
-    problems = {own.name: own for _, own in catalogue.every_problem().values()}
-    problem = problems.get(kind.problem) or catalogue.load(kind.problem)
-    compare(problem, list(kind.planners), folder, seeds=kind.seeds)
+def based(kind: Kind, folder: Path, sources: Path) -> Path:
+    """Compare the planners of a kind, by these sources; return the folder."""
+    arguments = [str(folder), kind.problem, str(kind.seeds), *kind.planners]
+    measured(["-c", _COMPARED, *arguments], sources, folder.parent)
     return folder
 
 
@@ -238,33 +250,38 @@ def main(
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as place:
         work = Path(place)
         say("comparing, for trials to keep")
-        bases = {
-            name: based(kind, work / f"base-{n}") for n, (name, kind) in enumerate(KINDS.items())
-        }
+        bases = {}
+        for version, sources in versions.items():
+            (work / version).mkdir()
+            for number, (name, kind) in enumerate(KINDS.items()):
+                folder = work / version / str(number)
+                bases[name, version] = based(kind, folder, sources)
         print(_costs(bases, versions, count, work, output).to_string(float_format="{:.2f}".format))
-        print(_more(bases["six-axis"], versions, sizes, work, output).to_string(index=False))
+        print(_more(bases, versions, sizes, work, output).to_string(index=False))
         folder = work / "read" / "results"
         folder.parent.mkdir()
-        rows = pd.DataFrame(commands(bases["3 pieces, 1 joint"], folder, read))
+        rows = pd.DataFrame(commands(bases["3 pieces, 1 joint", "now"], folder, read))
         save_table(rows, output / "commands")
         print(rows.to_string(index=False, float_format="{:.3g}".format))
 
 
+Bases = dict[tuple[str, str], Path]  # folders, by kind and version
+
+
 def _costs(
-    bases: dict[str, Path], versions: dict[str, Path], count: int, work: Path, output: Path
+    bases: Bases, versions: dict[str, Path], count: int, work: Path, output: Path
 ) -> pd.DataFrame:
     """Return CPU ms a trial, by kind, part and version."""
     found = {}
-    for number, (kind, base) in enumerate(bases.items()):
-        for version, sources in versions.items():
-            place = work / f"costs-{number}-{version}"
-            place.mkdir()
-            own = min(count, KINDS[kind].together)
-            costs = per_trial(base, place, own, sources)
-            costs["run, serial"] = costs["keeping"] + costs["results.h5"]
-            say(f"{kind}, {version}: {costs['run, serial']:.2f} ms a trial")
-            for part, cost in costs.items():
-                found[kind, part, version] = cost
+    for kind, version in bases:
+        place = Path(tempfile.mkdtemp(dir=work))
+        own = min(count, KINDS[kind].together)
+        costs = per_trial(bases[kind, version], place, own, versions[version])
+        costs["run, serial"] = costs["keeping"] + costs["results.h5"]
+        say(f"{kind}, {version}: {costs['run, serial']:.2f} ms a trial")
+        for part, cost in costs.items():
+            found[kind, part, version] = cost
+        rmtree(place)
     table = pd.Series(found).unstack()
     if "before" in table:
         table = table[["before", "now"]].assign(ratio=table["before"] / table["now"])
@@ -274,7 +291,7 @@ def _costs(
 
 
 def _more(
-    base: Path, versions: dict[str, Path], sizes: Sequence[int], work: Path, output: Path
+    bases: Bases, versions: dict[str, Path], sizes: Sequence[int], work: Path, output: Path
 ) -> pd.DataFrame:
     """Return what one more trial costs, by number of trials and version."""
     rows = []
@@ -282,9 +299,10 @@ def _more(
         folder = work / f"more-{version}" / "results"
         folder.parent.mkdir()
         wanted = [size for size in sizes if version == "now" or size <= 5000]
-        for row in one_more(base, folder, wanted, sources):
+        for row in one_more(bases["six-axis", version], folder, wanted, sources):
             rows.append({"version": version, **row})
             say(f"one more than {row['trials']}, {version}: {row['one more, CPU s']:.2f} s")
+        rmtree(folder)
     table = pd.DataFrame(rows)
     save_table(table, output / "one-more")
     return table

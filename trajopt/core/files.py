@@ -16,7 +16,9 @@ import math
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -153,7 +155,9 @@ def strict_json(said: str) -> Any:
         found = _DECODER.decode(said)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
-    _check_depth(found)
+    for level in _levels(found):
+        if math.inf in level or -math.inf in level:
+            _SLOW_DECODER.decode(said)  # says which number is too large
     return found
 
 
@@ -168,7 +172,8 @@ def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[st
         if _DEEP_KEY.search(said):
             raise ValueError(TOO_DEEP)
         table = tomllib.loads(said, parse_float=number)
-        _check_depth(table)
+        for _ in _levels(table):
+            pass
     except (ValueError, RecursionError) as error:
         raise unreadable(path, what, "TOML", error) from None
     return table
@@ -200,17 +205,30 @@ def _finite(digits: str) -> float:
     return number
 
 
-_DECODER = standard_json.JSONDecoder(
-    object_pairs_hook=_once, parse_constant=_no_number, parse_int=_whole, parse_float=_finite
+_decoder = partial(
+    standard_json.JSONDecoder,
+    object_pairs_hook=_once,
+    parse_constant=_no_number,
+    parse_int=_whole,
 )
+_DECODER = _decoder()  # without a function of Python's for each number
+_SLOW_DECODER = _decoder(parse_float=_finite)
 
 
-def _check_depth(value: Any) -> None:
+def _levels(value: Any) -> Iterator[list[Any]]:
+    """Yield the values of nested tables and lists, from the outermost on, a level at a time.
+
+    Raises:
+        ValueError: They are nested too deep.
+    """
     level = [value]
-    for _ in range(MAX_DEPTH):
-        level = [item for table in level for item in items(table) if type(item) in (list, dict)]
-        if not level:
+    for _ in range(MAX_DEPTH + 1):
+        yield level
+        if not {list, dict} & set(map(type, level)):
             return
+        tables = [item for item in level if type(item) in (list, dict)]
+        lists = (item.values() if type(item) is dict else item for item in tables)
+        level = list(chain.from_iterable(lists))
     raise ValueError(TOO_DEEP)
 
 
