@@ -217,19 +217,21 @@ class Store:
                 texts[_id(path)] = text
         judge = provenance()["judge_digest"]
         bad = len(damaged)
+
+        def content(old: Sequence[tuple[StoredRow, bytes]]) -> bytes:
+            del damaged[bad:]
+            kept = [entry for entry, text in old if texts.get(entry.id) == text]
+            stored = self._rows(texts, kept, known, references, damaged.append)
+            known.versions = [results_file.version(own) for own in stored.entries]
+            return results_file.content(stored, judge)
+
         try:
             with results_file.product(self.results, judge) as old:
-                kept = [entry for entry, text in old if texts.get(entry.id) == text]
-                stored = self._rows(texts, kept, known, references, damaged.append)
-                content = results_file.content(stored, judge)
-                known.versions = [results_file.version(own) for own in stored.entries]
+                made = content(old)
         except Exception:  # there is no last file, or none that is of use
-            del damaged[bad:]
-            stored = self._rows(texts, [], known, references, damaged.append)
-            content = results_file.content(stored, judge)
-            known.versions = [results_file.version(own) for own in stored.entries]
+            made = content([])
         _warn(damaged)
-        return content
+        return made
 
     def _rows(
         self,
@@ -248,11 +250,10 @@ class Store:
             references: What is known of each problem.
             damaged: Called with each trial whose text is damaged.
         """
-        entries = {entry.id: entry for entry in kept}
         trials = dict(known.trials)
-        for own_id, row in known.rows.items():
-            if own_id in texts:
-                entries[own_id] = results_file.entry(*row)
+        entries = {entry.id: entry for entry in kept}
+        made = known.rows.items()
+        entries |= {own: results_file.entry(*row) for own, row in made if own in texts}
         for own_id in texts.keys() - entries.keys():
             try:
                 with _reading(self.path(own_id)):
@@ -433,7 +434,7 @@ def save(path: Path, trial: Trial, references: References | None = None) -> Path
 def rebuilt(
     texts: Iterable[bytes],
     references: References | None = None,
-    known: Mapping[bytes, Trial] = MappingProxyType({}),
+    known: Mapping[bytes, tuple[Trial, Trial]] = MappingProxyType({}),
     *,
     judge: str = "",
 ) -> bytes:
@@ -442,7 +443,7 @@ def rebuilt(
     Args:
         texts: Of trials.
         references: What is known of each problem.
-        known: Trials with computed verdicts (`verdicts.again`), by their texts.
+        known: Trials as texts state them, and with computed verdicts (`verdicts.again`), by texts.
         judge: Digest of the code that judged, as the file says.
 
     Raises:
@@ -452,7 +453,8 @@ def rebuilt(
     trials: dict[str, Trial] = {}
     entries: dict[str, StoredRow] = {}
     for text in texts:
-        trial = verdicts.judged(trial_text.read(text), known.get(text))
+        then, now = known.get(text) or (trial_text.read(text), None)
+        trial = verdicts.judged(then, now)
         found[trial.id], trials[trial.id] = text, trial
         entries[trial.id] = results_file.entry(*_row(trial, text))
     return results_file.content(_arranged(entries, found, trials, references), judge)
@@ -515,13 +517,15 @@ def texts(path: Path, damaged: OnDamage) -> Iterator[tuple[Trial, bytes]]:
     yield from _stored(path, _both, damaged)
 
 
-def misstated(path: Path, references: References, known: Mapping[bytes, Trial]) -> list[str]:
+def misstated(
+    path: Path, references: References, known: Mapping[bytes, tuple[Trial, Trial]]
+) -> list[str]:
     """Return the names of what differs in a `results.h5` from what its own texts give.
 
     Args:
         path: The file, or its folder; a folder may have none.
         references: What is known of each problem.
-        known: Trials with computed verdicts (`verdicts.again`), by their texts.
+        known: Trials as texts state them, and with computed verdicts (`verdicts.again`), by texts.
 
     Raises:
         StoreError: The file is damaged.

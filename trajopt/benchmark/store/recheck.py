@@ -120,7 +120,7 @@ def verification(path: Path | str, references: References | None = None) -> Veri
     found = _all_checked([trial for trial, _ in pairs], anew)
     for error in damaged:
         found.append(CheckedTrial(error.path.stem, differences=(str(error),)))
-    known = {text: now for (_, text), now in zip(pairs, anew, strict=True)}
+    known = {text: (then, now) for (then, text), now in zip(pairs, anew, strict=True)}
     differing = misstated(Path(path), references, known) if references else []
     return Verification(tuple(found), tuple(differing))
 

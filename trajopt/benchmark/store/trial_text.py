@@ -78,11 +78,6 @@ def stated_id(text: bytes) -> str:
     return _head(text)["id"].decode()
 
 
-def stated_digest(text: bytes) -> str:
-    """Return the SHA-256 that a text states of itself, which `read` checks."""
-    return _head(text)["sha256"].decode()
-
-
 def _head(text: bytes) -> re.Match[bytes]:
     found = _HEAD.match(text)
     if found is None:
