@@ -129,7 +129,7 @@ def _stopping(problem: Problem) -> float | None:
     if problem.limits.others or not problem.route.dilatable:
         return None
     times = np.maximum(stop_times(problem), demand("least_times"))
-    return float(times.sum() + demand("dwell").sum())
+    return max(float(times.sum() + demand("dwell").sum()), float(demand("least_duration")))
 
 
 def plan(problem: Problem | str | Path, planner: object = None, *, seed: int = 0) -> Trial:

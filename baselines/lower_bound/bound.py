@@ -119,8 +119,12 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
     waits = problem.route.demand("dwell").sum()
     least = problem.route.demand("least_times")
     known = float(np.maximum(stop_times(problem), least).sum() + waits)
-    given = problem.route.demand("given_times").sum() + waits
-    if "given_times" in problem.demands:
+    asked = float(problem.route.demand("least_duration"))
+    if best is not None and best.duration <= asked * (1 + _ROUNDING_RTOL):
+        return Bound(asked, best.duration, 0.0, "proved", best.trajectory)
+    known = max(known, asked)
+    given = _given(problem)
+    if given:
         if best is not None:
             return Bound(given, best.duration, 0.0, "proved", best.trajectory)
         closed_form = end_to_end_bound(problem)
@@ -136,7 +140,7 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
             lower, proof = outcome.lower_bound, outcome.proof
         if late() or lower * (1 + within) * (1 + _ROUNDING_RTOL) >= known:
             break
-    if "given_times" in problem.demands and lower > given * (1 + _ROUNDING_RTOL):
+    if given and lower > given * (1 + _ROUNDING_RTOL):
         return _impossible(given, lower, proof)
     closed_form = end_to_end_bound(problem)
     if closed_form > lower * (1 + within):
@@ -148,6 +152,14 @@ def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit:
     numbers = np.setdiff1d(np.arange(len(problem.waypoints)), proof.waypoints) + 1
     said = "the bound leaves out waypoints that others' tolerances overlap: "
     return replace(bound, message=said + ", ".join(map(str, numbers.tolist())))
+
+
+def _given(problem: Problem) -> float:
+    """Return the time that is given for the whole motion, s; 0 where none is."""
+    demand = problem.route.demand
+    if "given_times" in problem.demands:
+        return float(demand("given_times").sum() + demand("dwell").sum())
+    return float(demand("duration"))
 
 
 def _choices(problem: Problem) -> list[Indices | None]:
@@ -192,8 +204,8 @@ def _searched(
 
 
 def _impossible(given: float, lower: float, proof: BoundProof | None) -> Bound:
-    """Return that no motion has the given times, s: the lower bound is above their sum."""
-    message = f"no motion has the given times, {given:.9g} s together: it would take {lower:.9g} s"
+    """Return that no motion has the given time, s: the lower bound is above it."""
+    message = f"no motion takes the given time, {given:.9g} s: it would take {lower:.9g} s"
     return Bound(lower, np.inf, np.inf, "infeasible", None, message, proof)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from trajopt.core.demand import END_STATES, names
+from trajopt.core.demand import END_STATES, WHOLE_TIMES, names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
@@ -45,7 +45,7 @@ class Prove(Planner):
     requires = ("highspy", "casadi", "scipy.linalg")
     knows = (
         *(*LIMIT_NAMES, FallingVelocity.key, "segment"),
-        *(*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance"),
+        *(*END_STATES, *WHOLE_TIMES, "least_times", "dwell", "closed", "tolerance"),
     )
     drops = True
 

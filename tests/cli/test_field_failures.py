@@ -619,10 +619,10 @@ def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, w
             "current_acceleration",
             "in this tool; the nearest is start_acceleration,",
         ),
-        ("minimum_duration", "the nearest is the optimum run slower"),
+        ("minimum_duration", "the nearest are least_duration and duration (exactly)"),
         ("minimum_time", "in this tool; the nearest is least_times,"),
         ("per_section_minimum_duration", "in this tool; the nearest is least_times,"),
-        ("desired_duration", "the nearest is the optimum run slower"),
+        ("desired_duration", "the nearest are least_duration and duration (exactly)"),
         ("intermediate_positions", "start, goal and the points between them are rows of waypoints"),
         ("per_section_max_velocity", "limits of one segment"),
         (

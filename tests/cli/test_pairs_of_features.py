@@ -30,6 +30,8 @@ DEMANDS = {
     "dwell": "dwell = [0, 0.3, 0]\n",
     "least_times": "least_times = [0, 2]\n",
     "given_times": "given_times = [2.0, 2.0]\n",
+    "least_duration": "least_duration = 5\n",
+    "duration": "duration = 8\n",
     "closed": "closed = true\n",
     "start_velocity": "start_velocity = [0.2, 0]\n",
 }
@@ -87,7 +89,7 @@ def test_a_figure_has_the_limits_that_count(tmp_path, kinds, demand):
             assert any(np.allclose(own[:, 1], expected, atol=1e-12) for own in drawn)
 
 
-KEPT = ("none", "tolerance", "least_times")
+KEPT = ("none", "tolerance", "least_times", "least_duration", "duration")
 
 
 @pytest.mark.parametrize(("kinds", "demand"), CASES)

@@ -379,7 +379,7 @@ def test_a_rough_stream_keeps_its_spacing_within_tolerance_and_has_none_exactly(
     limits = Limits([2.0, 2.0], [8.0, 8.0], [200.0, 200.0])
     demands = {"given_times": np.full(30, 0.02)}
     exactly = Problem(samples, limits, **demands)
-    assert proved(exactly).message.startswith("no motion has the given times, 0.6 s together")
+    assert proved(exactly).message.startswith("no motion takes the given time, 0.6 s")
     within = Problem(samples, limits, tolerance=1e-3, **demands)
     certificate = verify(within, ExactJerk().solve(within).trajectory)
     assert certificate.certified_duration == pytest.approx(0.6, rel=1e-9)

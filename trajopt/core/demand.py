@@ -59,6 +59,9 @@ class Demand:
             merged.
         splits: Whether it splits the route into parts from rest to rest, which every planner solves
             one by one (`trajopt.core.dwell`).
+        whole: Whether it asks something of the whole motion, and nothing of its parts. Every
+            planner solves the problem without it, and its answer is slowed down
+            (`trajopt.planners.durations`).
     """
 
     key: str
@@ -74,6 +77,7 @@ class Demand:
     left_out: Literal["", "restriction", "relaxation"] = ""
     separates: bool = False
     splits: bool = False
+    whole: bool = False
 
     def shape(self, waypoints: int, joints: int) -> tuple[int, ...]:
         """Return the shape of its numbers for a number of waypoints and joints."""
@@ -100,6 +104,7 @@ class Demand:
 
     def _numbers(self, key: str, value: Any, shape: tuple[int, ...]) -> Any:
         if not shape:
+            value = value.item() if isinstance(value, np.ndarray) and not value.ndim else value
             if not self._is_right(value):
                 raise InvalidInput(key, self._right, value=value)
             return value
@@ -227,6 +232,16 @@ class _GivenTimes(_Times):
         if "least_times" in demands:
             right = "given_times or least_times, not both"
             raise InvalidInput(self.key, right, value=numbers.tolist())
+
+
+class _Duration(_Times):
+    """A time of the whole motion, at least or exactly; one demand says how long it takes."""
+
+    def check(self, numbers: Array, demands: Mapping[str, Array], limits: Limits) -> None:
+        for key in WHOLE_TIMES:
+            if key != self.key and key in demands:
+                right = f"left out beside {key}: one of both says how long the motion takes"
+                raise InvalidInput(self.key, right, value=float(numbers))
 
 
 class _Closed(Demand):
@@ -413,6 +428,25 @@ DEMANDS: Mapping[str, Demand] = {
             left_out="relaxation",
             splits=True,
         ),
+        _Duration(
+            "least_duration",
+            "least time of the whole motion",
+            (),
+            time=1,
+            example="least_duration = 4",
+            left_out="relaxation",
+            whole=True,
+        ),
+        _Duration(
+            "duration",
+            "time of the whole motion, exactly",
+            (),
+            time=1,
+            example="duration = 4",
+            left_out="relaxation",
+            dilatable=False,
+            whole=True,
+        ),
         _Closed(
             "closed",
             "ends as it begins, in motion",
@@ -431,6 +465,8 @@ DEMANDS: Mapping[str, Demand] = {
 }
 """Every demand by its key, in the order of problem files."""
 
+WHOLE_TIMES = ("least_duration", "duration", "given_times")
+"""Demands of which a problem has one at most: each says how long the whole motion takes."""
 END_VELOCITIES = ("start_velocity", "end_velocity")
 END_STATES = (*END_VELOCITIES, "start_acceleration", "end_acceleration")
 """The states in which the motion begins and ends."""

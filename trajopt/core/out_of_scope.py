@@ -56,10 +56,9 @@ _ELSEWHERE = {
         "a wait has a name of its own in this tool; the nearest is dwell, beside the waypoints of "
         "a problem file, a time at rest per waypoint"
     ),
-    r"(minimum|min|least|desired|target|total)_duration|duration|(desired|total)_times?": (
-        "a time of the whole motion is not asked for in this tool; the nearest is the optimum run "
-        "slower: one of T s, slowed down D/T times (`Trajectory.dilated`), takes D s and keeps all "
-        "limits"
+    r"(minimum|min)_duration|(desired|target|total)_duration|(desired|total)_times?": (
+        "a time of the whole motion has a name of its own in this tool; the nearest are "
+        "least_duration and duration (exactly), beside the waypoints of a problem file, in s"
     ),
     r"(per_)?(section_|segment_)?(minimum|min|least)_(section_|segment_)?(durations?|times?)": (
         "least times have a name of their own in this tool; the nearest is least_times, beside the "

@@ -27,6 +27,7 @@ unit of the limits where it is a rate, else in that of the waypoints:
                                          # with jerk limits start_acceleration, end_acceleration
     tolerance = 0.01                     # ±, of inner waypoints; or a row per joint, or a table
     least_times = [0, 1.5]               # s, per segment; given_times says all of them exactly
+    least_duration = 4                   # s, of the whole motion; duration says it exactly
     dwell = [0, 0.4, 0]                  # s at rest, per waypoint
     closed = true                        # the last waypoint is the first, with the same velocity
 

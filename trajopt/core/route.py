@@ -152,11 +152,14 @@ class Route:
         return Route(self.waypoints[kept], own)
 
     def part(self, first: int, last: int) -> Route:
-        """Return the part between two waypoints, by index; it is at rest where it is cut."""
+        """Return the part between two waypoints, by index; it is at rest where it is cut.
+
+        What is asked of the whole motion is not asked of a part.
+        """
         own = {}
         for key, values in self.demands.items():
             cut_off = first if key.startswith("start_") else len(self.waypoints) - 1 - last
-            if not (DEMANDS[key].moves and cut_off):
+            if not (DEMANDS[key].whole or DEMANDS[key].moves and cut_off):
                 own[key] = DEMANDS[key].part(values, first, last)
         own.pop("dwell", None)
         return Route(self.waypoints[first : last + 1], own)

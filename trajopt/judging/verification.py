@@ -25,7 +25,10 @@ from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.passing import within_tolerance
 from trajopt.judging.repair import repaired
 
-_JUDGED = (*END_STATES, "least_times", "given_times", "dwell", "closed", "tolerance")
+_JUDGED = (
+    *(*END_STATES, "least_times", "given_times", "least_duration", "duration"),
+    *("dwell", "closed", "tolerance"),
+)
 GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative, is rounding
 NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
@@ -90,8 +93,8 @@ class Certificate:
         flaws: errors that neither repair nor dilation can remove, in words. With a flaw there is no
             certified duration.
         tolerance: the tolerance used.
-        least_times: least time over time taken, for the segment where this is largest, and when
-            that segment begins; None where the problem has no least times.
+        least_times: least time over time taken, for the segment, or the whole motion, where this
+            is largest, and when that begins; None where the problem has no least times.
         motion: the longer motion that has the certified duration, where a dilation would change
             the states at the ends; None elsewhere, and in a stored certificate.
         judged: the motion that was judged, repaired where it missed within tolerance; None in a
@@ -384,7 +387,7 @@ def _judged(
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if overflowing:
         flaws.append("its peaks are not finite numbers")
-    if "given_times" in problem.demands and at_rest:
+    if at_rest:
         flaws += _other_times(problem, trajectory, begins)
     rounded = None
     if not problem.route.dilatable and at_rest and not flaws:
@@ -398,7 +401,7 @@ def _judged(
         else:
             from trajopt.judging.slower import slower  # late: it needs parts of SciPy
 
-            if "given_times" in problem.demands:
+            if _is_timed(problem):
                 found = _rounded_outwards(problem, judged, dilation)
             else:
                 found = slower(problem, judged, lambda own: keeping(problem, own, unjudged))
@@ -486,7 +489,7 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
     kinds = problem.limits.kinds
     key = max(uses, key=lambda key: kinds[key].dilation(uses[key]))
     use = uses[key]
-    if "given_times" in problem.demands:
+    if _is_timed(problem):
         amount = KINDS[key].amount(use, problem)
         return f"{where(use, problem)}: {KINDS[key].name()} {amount}, and the times are given"
     ends = [name for name in ("start", "end") if any(map(np.any, getattr(problem.route, name)))]
@@ -496,8 +499,18 @@ def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
     )
 
 
+def _is_timed(problem: Problem) -> bool:
+    """Return whether the problem says how long the motion takes, exactly."""
+    return "given_times" in problem.demands or "duration" in problem.demands
+
+
 def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> list[str]:
-    """Return a flaw about the segment whose time differs most from its given time, if any does."""
+    """Return a flaw about the time that differs most from the one that is given, if any does."""
+    asked = float(problem.route.demand("duration"))
+    if asked and abs(trajectory.duration / asked - 1) > GIVEN_RTOL:
+        return [f"it takes {trajectory.duration:.6g} s, {asked:.6g} s are asked for"]
+    if "given_times" not in problem.demands:
+        return []
     given = problem.demands["given_times"]
     taken = np.diff(trajectory.waypoint_times)
     worst = int(np.abs(taken / given - 1).argmax())
@@ -508,13 +521,17 @@ def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> lis
 
 
 def _least_times(problem: Problem, trajectory: Trajectory) -> Use | None:
-    """Return the largest ratio of a segment's least time to the time that it takes."""
-    if "least_times" not in problem.demands:
-        return None
-    least = problem.demands["least_times"]
-    shares = np.where(least > 0, least / np.diff(trajectory.waypoint_times), 0.0)
-    worst = int(shares.argmax())
-    return Use(float(shares[worst]), None, float(trajectory.waypoint_times[worst]))
+    """Return the largest ratio of a least time, of a segment or the whole, to the time taken."""
+    found = []
+    if "least_duration" in problem.demands:
+        share = float(problem.demands["least_duration"]) / trajectory.duration
+        found.append(Use(share, None, 0.0))
+    if "least_times" in problem.demands:
+        least = problem.demands["least_times"]
+        shares = np.where(least > 0, least / np.diff(trajectory.waypoint_times), 0.0)
+        worst = int(shares.argmax())
+        found.append(Use(float(shares[worst]), None, float(trajectory.waypoint_times[worst])))
+    return max(found, key=lambda use: use.value, default=None)
 
 
 def _judged_in_parts(
@@ -558,6 +575,11 @@ def _judged_in_parts(
         for key in found[0].uses
     }
     least = [own.least_times for own in found if own.least_times is not None]
+    whole = _least_times(problem.without("least_times"), motion)
+    if whole is not None:
+        least.append(whole)
+        dilation = max(dilation, whole.value)
+    flaws += _other_times(problem.without("given_times"), motion, 0.0)
     certificate = Certificate(
         duration=trajectory.duration,
         dilation=dilation,

@@ -25,7 +25,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass, make_dataclass, replace
 from enum import Enum
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from types import FunctionType
 from typing import Any, cast, get_type_hints
 
@@ -39,6 +39,7 @@ from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import given_times, library_time
+from trajopt.planners.durations import timed
 
 
 class Relation(Enum):
@@ -54,6 +55,7 @@ def _knowing(unsupported: Callable[[Any, Problem], str | None]) -> Any:
 
     @wraps(unsupported)
     def checked(self: Planner, problem: Problem) -> str | None:
+        problem = self._without_whole(problem)
         if self.splits(problem):
             return next(filter(None, map(self.unsupported, dwell.parts(problem))), None)
         return Planner.unsupported(self, problem) or unsupported(self, problem)
@@ -71,8 +73,15 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(solve)
     def checked(self: Planner, problem: Problem, *seeds: Sequence[int], **keywords: int) -> Any:
         check_problem(problem)
-        reason = self.unsupported(problem)
         is_batch = solve.__name__ == "solve_batch"
+        free = self._without_whole(problem)
+        if free is not problem:
+            answer = checked(self, free, *seeds, **keywords)
+            if not is_batch:
+                return timed(problem, answer, lambda slower: checked(self, slower, **keywords))
+            each = zip(answer, seeds[0], strict=True)
+            return [timed(problem, own, partial(self.solve, seed=seed)) for own, seed in each]
+        reason = self.unsupported(problem)
         if reason is None and self.splits(problem):
             parts = [checked(self, part, *seeds, **keywords) for part in dwell.parts(problem)]
             if not is_batch:
@@ -232,6 +241,7 @@ class Planner(ABC):
 
         A planner's own reasons come after the limits and demands that it does not know.
         """
+        problem = self._without_whole(problem)
         if self.splits(problem):
             return next(filter(None, map(self.unsupported, dwell.parts(problem))), None)
         harmless = "relaxation" if self.drops else "restriction"
@@ -263,6 +273,11 @@ class Planner(ABC):
         """Return the demands of the problem that it does not plan for, by their keys."""
         keys = [key for key in problem.demands if key not in self.knows]
         return [key for key in keys if not DEMANDS[key].splits]
+
+    def _without_whole(self, problem: Problem) -> Problem:
+        """Return the problem without what is asked of the whole motion, if it plans without it."""
+        keys = [key for key in problem.demands if DEMANDS[key].whole and key not in self.knows]
+        return problem.without(*keys) if keys else problem
 
     def splits(self, problem: Problem) -> bool:
         """Return whether it solves the problem part by part, from rest to rest between waits."""

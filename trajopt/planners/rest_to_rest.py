@@ -36,7 +36,7 @@ def end_to_end_bound(problem: Problem) -> float:
     It is the larger of two relaxations. The first one, for motions from rest to rest, is every
     joint alone, straight from the first to the last waypoint; with two waypoints and symmetric jerk
     limits that is the optimum. The second one is every segment at full velocity, or in its least or
-    given time. Waits are added. Position limits, and waypoints that a motion may miss by rounding,
+    given time. Waits are added. A time of the whole motion is a bound too. Position limits, and waypoints that a motion may miss by rounding,
     are left out. With a tolerance each segment is as short as it allows.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
@@ -56,7 +56,8 @@ def end_to_end_bound(problem: Problem) -> float:
     least = route.demand("least_times") + route.demand("given_times")
     longest = np.maximum(cruising.max(axis=1), least)
     bound = max(straight.max(), longest.sum()) + route.demand("dwell").sum()
-    return float(bound) * (1 - _ROUNDING_RTOL)
+    asked = route.demand("least_duration") + route.demand("duration")
+    return max(float(bound) * (1 - _ROUNDING_RTOL), float(asked))
 
 
 def _alone(h: Array, limits: Limits, side: Callable[[Array], Array]) -> Array:

@@ -171,7 +171,8 @@ def _waypoint_times(problem: Problem, claimed: Trajectory | None) -> Column:
 def limits_used(problem: Problem) -> list[str]:
     """Return the limits, and the demand, whose use is a ratio: the columns of `uses`."""
     kinds = [name for name in KINDS if name in problem.limits.kinds and KINDS[name].is_ratio]
-    return kinds + [name for name in ("least_times",) if name in problem.demands]
+    has_least = "least_times" in problem.demands or "least_duration" in problem.demands
+    return kinds + ["least_times"] * has_least
 
 
 def _uses(trial: Trial) -> dict[str, Column]:
