@@ -159,7 +159,7 @@ class Route:
         own = {}
         for key, values in self.demands.items():
             cut_off = first if key.startswith("start_") else len(self.waypoints) - 1 - last
-            if not (DEMANDS[key].whole or DEMANDS[key].moves and cut_off):
+            if not (DEMANDS[key].whole or (DEMANDS[key].moves and cut_off)):
                 own[key] = DEMANDS[key].part(values, first, last)
         own.pop("dwell", None)
         return Route(self.waypoints[first : last + 1], own)

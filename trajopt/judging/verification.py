@@ -575,10 +575,10 @@ def _judged_in_parts(
         for key in found[0].uses
     }
     least = [own.least_times for own in found if own.least_times is not None]
-    whole = _least_times(problem.without("least_times"), motion)
-    if whole is not None:
-        least.append(whole)
-        dilation = max(dilation, whole.value)
+    of_whole = _least_times(problem.without("least_times"), motion)
+    if of_whole is not None:
+        least.append(of_whole)
+        dilation = max(dilation, of_whole.value)
     flaws += _other_times(problem.without("given_times"), motion, 0.0)
     certificate = Certificate(
         duration=trajectory.duration,

@@ -36,8 +36,9 @@ def end_to_end_bound(problem: Problem) -> float:
     It is the larger of two relaxations. The first one, for motions from rest to rest, is every
     joint alone, straight from the first to the last waypoint; with two waypoints and symmetric jerk
     limits that is the optimum. The second one is every segment at full velocity, or in its least or
-    given time. Waits are added. A time of the whole motion is a bound too. Position limits, and waypoints that a motion may miss by rounding,
-    are left out. With a tolerance each segment is as short as it allows.
+    given time. Waits are added. A time that is asked of the whole motion is a bound too. Position
+    limits, and waypoints that a motion may miss by rounding, are left out. With a tolerance each
+    segment is as short as it allows.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
     way = problem.waypoints[-1] - problem.waypoints[0]
