@@ -5,6 +5,8 @@ import os
 import sys
 import tempfile
 
+import pytest
+
 # One thread each: the tests run in as many processes as there are cores. Read once, when NumPy is
 # imported: before any test module.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -27,3 +29,9 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.enable()
+
+
+@pytest.fixture(autouse=True)
+def _no_word_of_slow_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a command prints must not depend on how fast the machine is."""
+    monkeypatch.setattr("trajopt.cli.console._SILENT_S", 1e6)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from trajopt.benchmark.suites.catalogue import load as problem  # noqa: F401
     from trajopt.best_planner import plan as plan
     from trajopt.comparison import compare as compare
+    from trajopt.core.braking import brake_first as brake_first
     from trajopt.core.exceptions import InvalidInput as InvalidInput
     from trajopt.core.exceptions import InvalidTrajectory as InvalidTrajectory
     from trajopt.core.exceptions import MissingBackend as MissingBackend
@@ -55,6 +56,7 @@ _MODULE = {
     "UnitWarning": "core.exceptions",
     "UnknownName": "core.exceptions",
     "WrongType": "core.exceptions",
+    "brake_first": "core.braking",
     "compare": "comparison",
     "front": "benchmark.front",
     "judge": "judgement",

@@ -6,6 +6,7 @@ answer.certified_duration, answer.certified_trajectory
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +60,12 @@ class Best:
         }
 
 
-def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
+def best(
+    problem: Problem,
+    seed: int,
+    proof_time: float = 0.0,
+    tell: Callable[[str], None] = lambda step: None,
+) -> Best:
     """Run the best planners in turn, until an answer keeps all limits.
 
     The first planners ignore limits that they do not know. If their answer keeps these limits too,
@@ -71,6 +77,7 @@ def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
         seed: Of the random stream.
         proof_time: s of CPU time for a lower bound, where neither a closed form nor the record
             proves the answer within `OPTIMUM_RTOL`.
+        tell: Called with each step, in words, when it begins.
     """
     relaxed: float | None = None
     trials: list[Trial] = []
@@ -82,6 +89,7 @@ def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
         except TrajoptError as error:
             reasons.append(str(error))
             continue
+        tell(f"{own_name} plans")
         trial = trials_of(planner, problem, [seed], own_name)[0]
         trials.append(trial)
         left_out.append(tuple(planner.unknown(problem)))
@@ -102,6 +110,7 @@ def best(problem: Problem, seed: int, proof_time: float = 0.0) -> Best:
     if record is not None:
         proved = max(proved, record.lower_bound)
     if proof_time and proved * (1 + OPTIMUM_RTOL) < durations[chosen] < np.inf:
+        tell("a lower bound is proved")
         proved = max(proved, _proof(problem, proof_time))
     return Best(
         trial=trials[chosen],

@@ -27,6 +27,8 @@ from trajopt.benchmark.logs import AS_LOG, LogOptions, evidence_of
 from trajopt.benchmark.store.folder import is_trial, recorded
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
+from trajopt.core.braking import Braking
+from trajopt.core.braking import brake_first as braking_of
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
@@ -150,12 +152,14 @@ class Judgement(Execution):
         via_tolerance: Tolerance of each joint, rad.
         tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
         asked: The original problem if the tolerance was needed.
+        braking: The braking into the limits that was allowed first, if one was.
     """
 
     trajectory: Trajectory
     via_tolerance: float
     tolerance_needed: bool = False
     asked: Problem | None = None
+    braking: Braking | None = None
 
     def __repr__(self) -> str:
         return f"Judgement({self.motion.name} on {self.problem.name}, {self.certificate})"
@@ -180,8 +184,11 @@ class Judgement(Execution):
 
     @cached_property
     def explanation(self) -> Explanation | None:
-        """The parts of the gap, by the references; None without a certified duration."""
-        if not self.certificate.valid:
+        """The parts of the gap, by the references.
+
+        None without a certified duration, and where a braking was allowed first.
+        """
+        if not self.certificate.valid or self.braking is not None:
             return None
         known = records.answer(self.problem)
         slower = self.certificate.motion
@@ -272,6 +279,7 @@ def judge(
     resolution: float | None = None,
     commanded: bool | None = None,
     window: float = DEFAULT_WINDOW_S,
+    brake_first: bool = False,
 ) -> Judgement:
     """Judge a motion against a problem (docs/mathematics.md, section 10).
 
@@ -297,6 +305,8 @@ def judge(
         commanded: whether a log's positions were sent, not measured, so that they are known to
             their digits; by default the columns' names and the format say it.
         window: a log is `kept` only if a mean excess of 5 % over this time, s, is excluded.
+        brake_first: whether a start beyond limits may brake into them first
+            (`trajopt.core.braking`). Then no optimum is compared.
 
     Raises:
         InvalidInput: The motion cannot be read, has other joints than the problem, or the
@@ -311,11 +321,15 @@ def judge(
     given.check_units(asked)
     _warn_of_other_unit(asked, given)
     _check_tolerance(asked, via_tolerance)
+    braking = braking_of(asked) if brake_first else None
+    if braking is not None:
+        asked = braking.problem_of(given.trajectory)
     told = None
     if interpolation in AS_LOG:
         options = LogOptions(noise, resolution, commanded, window)
         told = evidence_of(given, asked.limits, options)
-    at_rest = told is None or told.at_rest
+    # a log may be a part of a longer one, but states that the problem asks for are judged
+    at_rest = told is None or told.at_rest or not asked.route.at_rest
     if told is not None and told.motion is not None and at_rest:
         times = passing(asked, told.motion).waypoint_times
         told = through(told, times, asked.waypoints)
@@ -325,6 +339,7 @@ def judge(
     trajectory = passing(asked, within or given.trajectory)
     certificate = verify(asked, trajectory, at_rest=at_rest)
     strict = Judgement(given, asked, certificate, trajectory, via_tolerance, evidence=told)
+    strict = replace(strict, braking=braking)
     strict = replace(strict, evidence=_confirmed(strict, valid=True))  # of limits, not waypoints
     if strict.certificate.valid or via_tolerance == 0:
         return strict
@@ -333,7 +348,8 @@ def judge(
 
 def _passed(strict: Judgement, via_tolerance: float) -> Judgement | None:
     """Return the verdict through the points that the motion passes; None where it helps nothing."""
-    at_rest = strict.evidence is None or strict.evidence.at_rest
+    told, route = strict.evidence, strict.problem.route
+    at_rest = told is None or told.at_rest or not route.at_rest
     moved = _as_passed(strict.problem, strict.trajectory, via_tolerance)
     passed = replace(
         strict,

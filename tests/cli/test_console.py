@@ -292,7 +292,7 @@ def test_overflows_of_a_command_are_no_warnings_of_numpy(tmp_path):
     code, out, err = trajopt("plan", tmp_path / "p.toml", "--planner", "ruckig-stop", "--json")
     assert code in (0, 1)
     assert out.startswith(b"{")
-    assert err == b""
+    assert b"Warning" not in err
 
 
 def test_a_traceback_ends_in_the_last_line_of_ones_own_code():

@@ -351,8 +351,9 @@ def test_a_joint_that_may_only_move_forward(run, velocity):
     ("jerk", "start", "time", "way"),
     [
         ("", 1.5, 0.25, 0.3125),  # 0.5 / 2, and 1.25 rad/s all that time
-        ("[8]", 1.5, 0.5, 0.625),  # 2 √(0.5 / 8), just reaching 2 rad/s²
-        ("[8]", 2.0, 0.75, 1.125),  # 1 / 2 + 2 / 8
+        # 2/8 s until -2 rad/s², which takes 1/4 rad/s off; the rest at -2 rad/s²
+        ("[8]", 1.5, 0.375, 0.494792),
+        ("[8]", 2.0, 0.625, 0.994792),
     ],
 )
 def test_a_start_beyond_a_limit_is_told_how_it_brakes(run, jerk, start, time, way):

@@ -8,7 +8,7 @@ kind is named for what it is (`kinds`).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
@@ -21,6 +21,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import ROBOT, number
 from trajopt.core import files, problem_file
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, urdf, waypoints
@@ -93,7 +94,13 @@ def problems(names: Sequence[str], robot: RobotOptions) -> list[Problem]:
     return [problem(name, own, scaled=True) for name, own in flags.items()]
 
 
-def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool = False) -> Problem:
+def problem(
+    name_or_path: str,
+    robot: RobotOptions = NO_FLAGS,
+    *,
+    scaled: bool = False,
+    start: Callable[[Sequence[str], int], Sequence[Array]] | None = None,
+) -> Problem:
     """Return a problem by its built-in name, its file, or as waypoints with a robot.
 
     Args:
@@ -101,6 +108,7 @@ def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool =
         robot: The flags.
         scaled: Whether to apply the scaling factors of a `joint_limits.yaml`, as MoveIt's planners
             do; a line then says so.
+        start: The state in which waypoints of a file begin, as `waypoints.problem` takes it.
 
     Raises:
         TrajoptError: The flags do not go with it, there is no problem or robot of this name, or a
@@ -123,7 +131,9 @@ def problem(name_or_path: str, robot: RobotOptions = NO_FLAGS, *, scaled: bool =
             )
         elif not scaled:
             note_factors(own, robot)
-        found = waypoints.problem(path, planned, robot.unit, unwrap=not robot.no_unwrap)
+        found = waypoints.problem(
+            path, planned, robot.unit, unwrap=not robot.no_unwrap, start=start
+        )
         note_acceleration(robot, completed=own.completed.intersection(found.joint_names))
         return found
 

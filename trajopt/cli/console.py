@@ -14,10 +14,12 @@ import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from math import isfinite
+from threading import Timer
 from typing import Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
+from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
@@ -42,6 +44,7 @@ HELD: list[str] = []
 """Notes of readers: they are shown once everything is read."""
 
 _MAX_NOTE_CHARACTERS = 1400
+_SILENT_S = 2.0  # a longer wait says what is done
 # A line of a traceback that names a file and a line in it, outside of installed packages.
 _PLACE = re.compile(r'^ *File "(?!.*site-packages)(?:.*/)?(.+)"(, line \d+)', re.M)
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs
@@ -215,12 +218,30 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
 
 
 @contextmanager
-def waiting(message: str) -> Iterator[None]:
-    """Show a spinner on standard error, if that is a terminal; planners print there too."""
+def waiting(message: str, *, long: bool = False) -> Iterator[Callable[[str], None]]:
+    """Show a spinner on standard error, if that is a terminal; planners print there too.
+
+    Call the yielded function with what is done now: it is shown after the message. Where standard
+    error is no terminal, a line says both after two seconds of what may be `long`.
+    """
     show_held()
+    now = [message]
+
+    def tell(step: str) -> None:
+        now[0] = f"{message}: {step}"
+        if isinstance(shown, Status):
+            shown.update(now[0])
+
     shown = ERR.status(message, spinner="line") if ERR.is_terminal else nullcontext()
-    with shown, redirect_stdout(sys.stderr):
-        yield
+    late = Timer(_SILENT_S, lambda: note(now[0]))
+    late.daemon = True
+    if long and not ERR.is_terminal:
+        late.start()
+    try:
+        with shown, redirect_stdout(sys.stderr):
+            yield tell
+    finally:
+        late.cancel()
 
 
 def progress_line(what: str = "trials") -> Line:

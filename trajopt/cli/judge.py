@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
 from trajopt import judgement
 from trajopt.benchmark.best_known import records
@@ -17,6 +18,7 @@ from trajopt.cli import asked, console, evidence_words
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import (
+    ROBOT,
     Commanded,
     Force,
     InterpolationName,
@@ -31,6 +33,7 @@ from trajopt.cli.parameters import (
     number,
 )
 from trajopt.cli.plan import check_target, print_durations, print_smoothness, print_worst
+from trajopt.cli.starting import BrakeFirst, print_braking
 from trajopt.formats.motion import ARRAYS, TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judgement import Execution, Judgement
@@ -62,6 +65,10 @@ def judge(
     resolution: Resolution = None,
     commanded: Commanded = None,
     window: Window = DEFAULT_WINDOW_S,
+    brake_first: BrakeFirst = False,
+    scaled: Annotated[
+        bool, Parameter(help="Apply the scaling factors of --limits, as plan does.", group=ROBOT)
+    ] = False,
     out: LogOut = None,
     force: Force = False,
     output: Writing[Path] = Path("results/judge"),
@@ -84,7 +91,7 @@ def judge(
         robot = replace(robot, unit=None)
     asked.check_motion_unit(motion_unit, [motion], "--motion-unit")
     check_log_out(out, force=force)
-    loaded = asked.problem(problem, robot)
+    loaded = asked.problem(problem, robot, scaled=scaled)
     with asked.reading_motion(motion):
         found = judgement.judge(
             loaded,
@@ -96,6 +103,7 @@ def judge(
             resolution=resolution,
             commanded=commanded,
             window=window,
+            brake_first=brake_first,
         )
     told = found.best
     with console.waiting("asking the references"):
@@ -109,6 +117,8 @@ def judge(
         console.print_json(found.as_dict())
         return code
     _print(found)
+    if found.braking is not None:
+        print_braking(found.braking)
     if told is not found:
         console.paragraph(f"{_unlike(told, found)}: {_mended(told.certificate)}")
     for sentence in _durations(told, second=told is not found):

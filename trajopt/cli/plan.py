@@ -16,10 +16,12 @@ from cyclopts import Parameter
 from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.trial import Trial
 from trajopt.best_planner import best
-from trajopt.cli import asked, console
+from trajopt.cli import asked, console, starting
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.best_words import ADD_JERK_LIMITS, sentences
 from trajopt.cli.parameters import WRITING, Json, ProblemName, Seed, Timeout, Writing, number
+from trajopt.cli.starting import NO_START, StartFlags
+from trajopt.core.braking import brake_first
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
@@ -28,7 +30,7 @@ from trajopt.judging.smoothness import Smoothness, unit
 from trajopt.judging.verification import Certificate, verify
 from trajopt.views import table_cells
 from trajopt.views.export import motion_file
-from trajopt.views.export.motion_file import Executed, Points, Target, peak
+from trajopt.views.export.motion_file import PICTURES, Executed, Points, Target, peak
 
 _CYCLE_S = 1e-3
 _PROOF_TIME_S = 1.0
@@ -42,6 +44,7 @@ def plan(
     *,
     planner: str | None = None,
     robot: RobotFlags = NO_FLAGS,
+    start: StartFlags = NO_START,
     seed: Seed = 0,
     out: Writing[Path | None] = None,
     force: Writing[bool] = False,
@@ -84,19 +87,27 @@ def plan(
     if out is not None:
         target = Target(out, _cycle(cycle, rate), points, form == "goal")
         check_target(out, force=force)
-    asked_for = asked.problem(problem, robot, scaled=True)
+    asked_for = starting.problem(problem, robot, start)
+    on_cycle = target is not None and target.path.suffix not in (*PICTURES, ".h5")
+    cycle_s = target.cycle if target is not None and on_cycle else 0.0
+    braking = brake_first(asked_for, cycle_s) if start.brake_first else None
+    planned = braking.rest if braking else asked_for
     found = None
-    with console.waiting(f"planning {asked_for.name}"):
+    with console.waiting(f"planning {asked_for.name}", long=True) as tell:
         if planner is None:
-            found = best(asked_for, seed, _PROOF_TIME_S)
+            found = best(planned, seed, _PROOF_TIME_S, tell)
             trial = found.trial
         else:
-            with closing(Supervised(planner, asked_for, timeout=timeout)) as chosen:
-                (trial,) = chosen.trials(asked_for, [seed])
+            with closing(Supervised(planner, planned, timeout=timeout)) as chosen:
+                (trial,) = chosen.trials(planned, [seed])
+    if braking:
+        trial = starting.braked(braking, trial)
     names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
-    table = names | trial.as_dict() | (found.as_dict() if found else {})
+    table = names | trial.as_dict() | (found.as_dict() if found else {}) | starting.as_dict(braking)
     if not json:
         print_trial(trial, problem)
+        if braking:
+            starting.print_braking(braking)
         for sentence in sentences(found) if found else _without_jerk(trial):
             console.paragraph(sentence)
     broken = _unmended(trial)

@@ -9,51 +9,31 @@ backwards in time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
+from trajopt.core.braking import Joint, covered
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import KEPT_RTOL, of_states
 
+_BRAKES = ": it brakes to it in"
+_BRAKE_FIRST = "; `trajopt plan --brake-first` does that, and plans from there"
 
-class _Joint(NamedTuple):
-    """One joint's state at the start and its limits, mirrored so that it moves upwards, SI units.
+
+@dataclass(frozen=True)
+class _Joint(Joint):
+    """One joint's state at an end, mirrored so that it moves upwards, SI units.
+
+    Its upper limits are those of the first segment, the others the widest of all segments.
 
     Attributes:
-        velocity, acceleration: The state.
-        fastest, steepest: Upper limits of velocity and acceleration in the first segment.
-        braking, easing: Lower limits of acceleration and jerk, as positive numbers, the widest of
-            all segments.
         widest: The widest upper velocity limit of all segments.
         room: Distance to the upper position limit.
     """
 
-    velocity: float
-    acceleration: float
-    fastest: float
-    steepest: float
-    braking: float
-    easing: float
     widest: float
     room: float
-
-    @property
-    def peak(self) -> float:
-        """Return the velocity when the acceleration ends, as early as the jerk limit allows."""
-        return self.velocity + max(self.acceleration, 0.0) ** 2 / (2 * self.easing)
-
-    def braking_to(self, velocity: float) -> tuple[float, float]:
-        """Return the least time and distance in which it brakes to a lower velocity.
-
-        Where the jerk is limited, the acceleration is 0 before and after.
-        """
-        less = self.velocity - velocity
-        t = less / self.braking
-        if np.isfinite(self.easing):
-            ramp = self.braking / self.easing
-            t = t + ramp if less >= self.braking * ramp else 2 * float(np.sqrt(less / self.easing))
-        return t, t * (self.velocity + velocity) / 2
 
     @property
     def way(self) -> float:
@@ -80,11 +60,14 @@ def impossible(problem: Problem) -> str | None:
     if problem.route.at_rest:
         return None
     for is_end in (False, True):
-        for number in range(problem.joints):
-            for upwards in (True, False):
-                reason = _reason(problem, number, is_end=is_end, upwards=upwards)
-                if reason:
-                    return reason
+        reasons = [
+            _reason(problem, number, is_end=is_end, upwards=upwards)
+            for number in range(problem.joints)
+            for upwards in (True, False)
+        ]
+        said = "; ".join(filter(None, reasons))
+        if said:
+            return said + _BRAKE_FIRST * (_BRAKES in said)
     return None
 
 
@@ -101,24 +84,20 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
     verb = "ends" if is_end else "starts"
     if own.velocity > own.fastest * (1 + KEPT_RTOL):
         beyond = f"{said} {per_s}, is beyond its limit, {sign * time * own.fastest:.6g} {per_s}"
-        if is_end or acceleration:
-            return beyond
-        t, way = own.braking_to(own.fastest)
-        return (
-            f"{beyond}: it brakes to it in {t:.6g} s and {way:.6g} {unit} at least; plan from the "
-            "state after that"
-        )
+        return beyond if is_end else f"{beyond}{_braked(own, unit)}"
     if own.acceleration > own.steepest * (1 + KEPT_RTOL):
-        return (
+        beyond = (
             f"the {word} acceleration of {problem.joint_labels[number]}, {acceleration:.6g} "
             f"{per_s2}, is beyond its limit, {sign * own.steepest:.6g} {per_s2}"
         )
+        return beyond if is_end else f"{beyond}{_braked(own, unit)}"
     if own.peak > own.widest * (1 + KEPT_RTOL):
-        return (
+        beyond = (
             f"{problem.joint_labels[number]} {verb} at {velocity:.6g} {per_s} and "
             f"{acceleration:.6g} {per_s2}, which leads beyond its velocity limit: under its jerk "
             f"limit to {sign * time * own.peak:.6g} {per_s} at least"
         )
+        return beyond if is_end else f"{beyond}{_braked(own, unit)}"
     rounding = float(of_states(problem).position[number])
     if own.way > own.room * (1 + KEPT_RTOL) + rounding:
         side = "to stop" if not is_end else "to reach"
@@ -127,6 +106,12 @@ def _reason(problem: Problem, number: int, *, is_end: bool, upwards: bool) -> st
             f"{own.room:.6g} {unit} away"
         )
     return None
+
+
+def _braked(own: _Joint, unit: str) -> str:
+    """Say in what time and way a joint brakes into its limits."""
+    t, way = covered(own.velocity, own.brakes)
+    return f"{_BRAKES} {t:.6g} s and {abs(way):.6g} {unit} at least"
 
 
 def _joint(problem: Problem, number: int, sign: float, time: float, *, is_end: bool) -> _Joint:
@@ -154,6 +139,7 @@ def _joint(problem: Problem, number: int, sign: float, time: float, *, is_end: b
         steepest=side(there.acceleration, sign),
         braking=side(anywhere.acceleration, -sign),
         easing=side(anywhere.jerk, -sign * time),
+        rising=side(anywhere.jerk, sign * time),
         widest=side(anywhere.velocity, sign * time),
         room=float(high - position if sign > 0 else position - low),
     )

@@ -14,16 +14,18 @@ from trajopt.core.files import MAX_NAME
 from trajopt.core.numerals import is_number
 
 
-def waypoint_table(rows: Any) -> Array:
+def waypoint_table(rows: Any, least: int = 2) -> Array:
     """Waypoints as a table; errors name the waypoint and the joint, counted from 1.
 
     Raises:
-        InvalidInput: Fewer than two rows, rows of different lengths, a value that is not finite.
+        InvalidInput: Fewer rows than `least`, rows of different lengths, a value that is not
+            finite.
     """
-    if is_table(rows) and len(rows) > 1 and np.isfinite(rows).all():
+    if is_table(rows) and len(rows) >= least and np.isfinite(rows).all():
         return rows
-    if not is_list(rows) or len(rows) < 2:
-        raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
+    if not is_list(rows) or len(rows) < least:
+        count = "two rows" if least == 2 else "a row"
+        raise InvalidInput("waypoints", f"at least {count}, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
         key = f"waypoints, waypoint {number}"
         if not is_list(row) or len(row) == 0:

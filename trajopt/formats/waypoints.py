@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from trajopt.core import files, keys
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.keys import Key, note
+from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.tables import waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, contradicted, mixed_units
@@ -79,7 +80,12 @@ def read(path: Path) -> Waypoints:
 
 
 def problem(
-    path: Path, robot: RobotLimits, unit: str | None = None, *, unwrap: bool = True
+    path: Path,
+    robot: RobotLimits,
+    unit: str | None = None,
+    *,
+    unwrap: bool = True,
+    start: Callable[[Sequence[str], int], Sequence[Array]] | None = None,
 ) -> Problem:
     """The problem of waypoints under a robot's limits.
 
@@ -93,15 +99,24 @@ def problem(
             with a `UnitWarning` where they look like degrees, and metres.
         unwrap: Whether joints that turn without end take the nearest way to a waypoint; a
             `FileNote` names them.
+        start: Returns position, velocity and acceleration, SI units, of the named joints, where the
+            motion begins; the waypoints of the file, one is enough, follow. By default it begins
+            at rest at the first of them.
 
     Raises:
         InvalidInput: Names the file, the row, the joint, the value, and what would be right.
     """
     waypoints = read(path)
     try:
-        return _problem(waypoints, robot, unit, path, unwrap=unwrap)
+        return _problem(waypoints, robot, unit, path, unwrap=unwrap, start=start)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
+
+
+def begins(limits: Limits, velocity: Array, acceleration: Array) -> dict[str, Array]:
+    """Return the demands of a start in motion; joints without a jerk limit have no acceleration."""
+    smooth = np.where(limits.jerk_limited, acceleration, 0.0)
+    return {"start_velocity": velocity, "start_acceleration": smooth}
 
 
 def units(path: Path, robot: RobotLimits, unit: str | None = None) -> list[str]:
@@ -119,14 +134,23 @@ def _names(waypoints: Waypoints, robot: RobotLimits) -> tuple[str, ...]:
 
 
 def _problem(
-    waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: Path, *, unwrap: bool
+    waypoints: Waypoints,
+    robot: RobotLimits,
+    unit: str | None,
+    path: Path,
+    *,
+    unwrap: bool,
+    start: Callable[[Sequence[str], int], Sequence[Array]] | None,
 ) -> Problem:
     wanted = asked(unit)
     names = _names(waypoints, robot)
     limits = robot.limits(names)
-    # Before scaling: errors show what the file says.
-    written = Problem(waypoints.rows, limits.without("position"), joint_names=names)
     units = _units(waypoints, names, robot, wanted)
+    state = start(names, waypoints.rows.shape[1]) if start else []
+    sizes = [UNITS[own or "rad"] for own in units]
+    stated = [state[0] / sizes, *waypoints.rows] if start else waypoints.rows
+    # Before scaling: errors show what the file says.
+    written = Problem(stated, limits.without("position"), joint_names=names)
     turning = np.array([own not in LENGTHS for own in units])
     said = set(units) & ANGLES.keys()
     if not said and (turning & written.moving).any():
@@ -138,7 +162,7 @@ def _problem(
     described = robot.described(names)
     if not turning.all():
         described["joint_units"] = np.where(turning, "rad", "m").tolist()
-    rows = written.waypoints * [UNITS[own or "rad"] for own in units]
+    rows = written.waypoints * sizes
     continuous = [joint for joint, name in enumerate(names) if name in robot.continuous]
     if unwrap:
         nearest = np.unwrap(rows[:, continuous], axis=0)
@@ -149,6 +173,7 @@ def _problem(
     return Problem(
         rows,
         limits,
+        demands=begins(limits, *state[1:]) if start else {},
         name=path.stem,
         source=f"{path.name}, limits of {robot.source}",
         **described,
@@ -215,7 +240,7 @@ def _read_csv(path: Path) -> Waypoints:
     if left_out:
         warnings.warn(FileNote(f"{path.name}: left out: {', '.join(left_out)}"), stacklevel=2)
     return Waypoints(
-        waypoint_table(table.numbers(columns).tolist()), tuple(filter(None, names)), tuple(units)
+        waypoint_table(table.numbers(columns).tolist(), 1), tuple(filter(None, names)), tuple(units)
     )
 
 
@@ -234,7 +259,7 @@ def _read_npy(path: Path) -> Waypoints:
     if array.ndim != 2 or array.dtype.kind not in "iuf":
         right = "an array of numbers, (waypoints, joints)"
         raise InvalidInput("waypoints", right, value=f"{array.dtype} {array.shape}")
-    return Waypoints(waypoint_table(array.astype(float)))
+    return Waypoints(waypoint_table(array.astype(float), 1))
 
 
 def _read_json(path: Path) -> Waypoints:
@@ -243,7 +268,7 @@ def _read_json(path: Path) -> Waypoints:
         table = {"waypoints": table}
     others = keys.unread("", table, TABLE, ("waypoints",), strictness="ours")
     keys.note_unread(path.name, others)
-    rows = waypoint_table(table["waypoints"])
+    rows = waypoint_table(table["waypoints"], 1)
     names = tuple(files.names_at(table, "joint_names"))
     unit = table.get("unit")
     if isinstance(unit, list):

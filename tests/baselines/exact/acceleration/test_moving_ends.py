@@ -146,5 +146,6 @@ def test_a_start_that_cannot_be_kept_is_infeasible():
     assert solution.status is Status.INFEASIBLE
     assert solution.message == (
         "the start velocity of joint 1, -1.01 rad/s, is beyond its limit, -1 rad/s: it brakes to it"
-        " in 0.01 s and 0.01005 rad at least; plan from the state after that"
+        " in 0.01 s and 0.01005 rad at least; `trajopt plan --brake-first` does that, and plans "
+        "from there"
     )
