@@ -5,7 +5,7 @@
     python tests/soak.py keeping --quick                # a few trials
 
 Real trials of three kinds are kept again and again under new seeds: of three pieces, of the
-six-axis problem (96 of nine planners), and of motions of 1,660 pieces of 8 joints. Each measurement
+six-axis problem (95 of eight planners), and of motions of 1,660 pieces of 8 joints. Each measurement
 is a process of its own. *judging* is what a judge does beside its verdict: the trial's text, and
 its row; judges work side by side. *keeping* is what the run does with each message of a judge, and
 *results.h5* its share of writing that once. Then one trial is added to many. Last, `export`,
@@ -107,7 +107,7 @@ class Kind(NamedTuple):
     together: int = 1000  # trials that are kept at once
 
 
-ONCE = ("toppra", "ruckig-search", "ruckig-stop", "exact", "spline353-nlp", "unoptimised")
+ONCE = ("toppra", "ruckig-search", "ruckig-stop", "spline353-nlp", "unoptimised")
 KINDS = {
     "3 pieces, 1 joint": Kind("one-joint", ("unoptimised", "ruckig-stop", "pso:iterations=20")),
     "six-axis": Kind("six-axis", (*ONCE, "pso", "ssa", "issa"), 30),
