@@ -5,9 +5,10 @@
     python tests/soak.py keeping --quick                # a few trials
 
 Real trials of three kinds are kept again and again under new seeds: of three pieces, of the
-six-axis problem (95 of eight planners), and of motions of 1,660 pieces of 8 joints. Each measurement
-is a process of its own. *judging* is what a judge does beside its verdict: the trial's text, and
-its row; judges work side by side. *keeping* is what the run does with each message of a judge, and
+six-axis problem (95 of eight planners), and of motions of 1,660 pieces of 8 joints. Each
+measurement is a process of its own. *judging* is what a judge does beside its verdict: the trial's
+text, and its row; judges work side by side. *keeping* is what the run does with each message of a
+judge, and
 *results.h5* its share of writing that once. Then one trial is added to many. Last, `export`,
 `report` and `diff` read folders; the exponent is that of their times between two numbers of trials,
 from an empty command's time on (1: linear). Files are in memory (`/dev/shm`), where there is such a

@@ -80,3 +80,18 @@ def test_no_room_for_the_results_loses_no_trial_and_no_older_results(disk: Path)
         results.consolidate()
     assert results.results.read_bytes() == old
     assert sorted(t.id for t in store.read(disk / "results")) == found
+
+
+def test_a_disk_that_may_only_be_read_is_said_and_is_reported(disk: Path) -> None:
+    """Also where results.h5 is not of its trials, so that `report` would make it anew."""
+    assert mount(disk, "remount,size=20m")
+    folder = disk / "results"
+    run.compare(PROBLEMS[:1], PLANNERS[:2], folder)
+    (folder / "results.h5").unlink()
+    assert mount(disk, "remount,ro")
+    with pytest.raises(StoreError, match=r"/unfinished: cannot be written: Read-only file system"):
+        compared(folder)
+    refused = r"results\.h5: cannot be written: Read-only file system"
+    with pytest.raises(StoreError, match=refused):
+        store.Store(folder).refresh()
+    assert len(store.read(folder)) == 2

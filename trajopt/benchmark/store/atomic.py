@@ -51,7 +51,8 @@ def write_all(contents: Mapping[Path, Content]) -> None:
             _keep(filled)
         finally:
             for temporary in temporaries.values():
-                temporary.unlink(missing_ok=True)
+                with suppress(OSError):  # it is not there, or the disk may only be read
+                    temporary.unlink()
 
 
 def _fill(path: Path, content: Content) -> None:
