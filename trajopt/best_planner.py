@@ -6,21 +6,24 @@ answer.certified_duration, answer.certified_trajectory
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol, cast
 
 import numpy as np
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import Record
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Trial, trials_of
+from trajopt.benchmark.trial import Trial, trials_of, verdict
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
-from trajopt.explain.references import best_planners
+from trajopt.core.trajectory import Trajectory
+from trajopt.explain.references import OPTIMUM_WITH_POSITION, best_planners
 from trajopt.planners.registry import load, named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
@@ -72,6 +75,9 @@ def best(
     no faster motion is known. If not, the other planners run, and the shortest certified answer is
     returned. It is dilated if it breaks a limit that no planner knows.
 
+    Under limits that depend on position that may take minutes. Where a best known motion of such a
+    problem is recorded, it is the answer, verified now.
+
     Args:
         problem: What is planned.
         seed: Of the random stream.
@@ -83,7 +89,12 @@ def best(
     trials: list[Trial] = []
     left_out: list[tuple[str, ...]] = []
     reasons = []
-    for name in best_planners(problem):
+    record = records.find(problem)
+    names = best_planners(problem)
+    known = _known(problem, record) if OPTIMUM_WITH_POSITION in names else None
+    if known is not None:
+        trials, left_out, names = [known], [()], []
+    for name in names:
         try:
             own_name, planner = named(name)
         except TrajoptError as error:
@@ -106,12 +117,11 @@ def best(
     order = [_ORDER.get(own.status, 1) for own in trials]
     chosen = min(range(len(trials)), key=lambda own: (durations[own], order[own], own))
     proved = end_to_end_bound(problem)
-    record = records.find(problem)
     if record is not None:
         proved = max(proved, record.lower_bound)
-    if proof_time and proved * (1 + OPTIMUM_RTOL) < durations[chosen] < np.inf:
+    if proof_time and known is None and proved * (1 + OPTIMUM_RTOL) < durations[chosen] < np.inf:
         tell("a lower bound is proved")
-        proved = max(proved, _proof(problem, proof_time))
+        proved = max(proved, _proof(trials[chosen], proof_time))
     return Best(
         trial=trials[chosen],
         relaxed=relaxed,
@@ -122,14 +132,42 @@ def best(
     )
 
 
-def _proof(problem: Problem, seconds: float) -> float:
+def _known(problem: Problem, record: Record | None) -> Trial | None:
+    """Return the trial of the recorded motion, judged now; None unless it keeps every limit."""
+    if record is None:
+        return None
+    began = time.perf_counter()
+    status, message, certificate = verdict(problem, record.trial.solution)
+    if certificate is None or not certificate.feasible:
+        return None
+    return replace(
+        record.trial,
+        problem=problem,
+        status=status,
+        message=message,
+        certificate=certificate,
+        solve_time=time.perf_counter() - began,
+    )
+
+
+class _Prover(Protocol):
+    """A planner that proves lower bounds."""
+
+    def beside(self, problem: Problem, motion: Trajectory) -> float:
+        """Return a lower bound, s, with a motion that keeps every limit as the target."""
+        ...
+
+
+def _proof(answer: Trial, seconds: float) -> float:
     """Return a proved lower bound, s; 0 where `prove` cannot run or leaves limits out."""
+    motion = answer.certified_trajectory
+    if motion is None:
+        return 0.0
     try:
-        prover = load(f"prove:time_limit={seconds}")
-        proof = prover.solve(problem)
+        prover = cast(_Prover, load(f"prove:time_limit={seconds}"))
+        return prover.beside(answer.problem, motion)
     except TrajoptError:
         return 0.0
-    return float(proof.stats.get("lower_bound", 0.0))
 
 
 def _stopping(problem: Problem) -> float | None:

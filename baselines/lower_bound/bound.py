@@ -74,7 +74,12 @@ class Bound:
 
 
 def prove(
-    problem: Problem, family: Family = "free", *, within: float = 1e-4, time_limit: float = 60.0
+    problem: Problem,
+    family: Family = "free",
+    *,
+    within: float = 1e-4,
+    time_limit: float = 60.0,
+    known: Trajectory | None = None,
 ) -> Bound:
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
@@ -86,6 +91,8 @@ def prove(
             the time to build the programs. After it the bounds reached are the answer. If the first
             program alone takes longer than that, and longer than one second, the bound is one in
             closed form, and a message says so.
+        known: A motion that keeps every limit, as the upper bound of all trajectories; by default
+            one is planned here.
 
     Raises:
         InvalidInput: An argument cannot be used.
@@ -101,7 +108,9 @@ def prove(
         raise InvalidInput("family", "'free' or 'spline353'", value=family)
     simpler = SIMPLEST.apply(problem)
     if family == "free":
-        bound = _free(simpler, within, late, time_limit)
+        # a motion of the problem is one of a simpler one only where nothing was simplified
+        given = kept(problem, known) if known is not None and simpler is problem else None
+        bound = _free(simpler, within, late, time_limit, given)
     else:
         bound = _spline353(simpler, within, late)
     if bound.trajectory is None:
@@ -109,12 +118,18 @@ def prove(
     return replace(bound, trajectory=SIMPLEST.restored(problem, bound.trajectory))
 
 
-def _free(problem: Problem, within: float, late: Callable[[], bool], time_limit: float) -> Bound:
+def _free(
+    problem: Problem,
+    within: float,
+    late: Callable[[], bool],
+    time_limit: float,
+    given_motion: Incumbent | None,
+) -> Bound:
     """Bound all trajectories by linear programs, without the waypoints that rounding may miss."""
     needed = _SECONDS_PER_CELL * cells(problem)
     if needed > max(time_limit, _MIN_TIME_LIMIT_S):
         return _not_begun(problem, needed, time_limit)
-    best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
+    best = given_motion or incumbent(problem, _INCUMBENT_SHARE * time_limit)
     # without a trajectory, the time of stopping at every waypoint is the target
     waits = problem.route.demand("dwell").sum()
     least = problem.route.demand("least_times")

@@ -13,6 +13,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
@@ -107,6 +108,18 @@ class Prove(Planner):
         from baselines.lower_bound.bound import prove
 
         return prove(problem, self.family, within=self.within, time_limit=self.time_limit)
+
+    def beside(self, problem: Problem, motion: Trajectory) -> float:
+        """Return a lower bound, s, with a motion that keeps every limit as the target.
+
+        It takes the place of the motion that `solve` plans first.
+        """
+        from baselines.lower_bound.bound import prove
+
+        bound = prove(
+            problem, self.family, within=self.within, time_limit=self.time_limit, known=motion
+        )
+        return bound.lower_bound
 
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
         """Return the bound, s, that the proof among a solution's `stats` proves, without a solver.

@@ -10,7 +10,7 @@ import numpy as np
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.best_planner import OPTIMUM_RTOL, Best
 from trajopt.core.limits import KINDS
-from trajopt.explain.references import THROUGH_WAYPOINTS
+from trajopt.explain.references import BEST_KNOWN, OPTIMUM_WITH_POSITION, THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
@@ -43,6 +43,11 @@ def _planner(found: Best) -> str:
         ignored = " and ".join(KINDS[key].name() for key in others)
         mended = "which keeps them" if trial.feasible else f"{trial.dilation:.6g} times slower"
         return f"{name} does not know {ignored} limits: this is its answer, {mended}."
+    if name == BEST_KNOWN and found.record is not None:
+        return (
+            f"This is the best known motion, {found.record.motion}, verified anew "
+            f"(`--planner {OPTIMUM_WITH_POSITION}` plans one)."
+        )
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."
     kinds = [KINDS[key].name() for key in trial.problem.limits.kinds]

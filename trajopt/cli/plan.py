@@ -13,6 +13,8 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.trial import Trial
 from trajopt.best_planner import best
@@ -108,7 +110,7 @@ def plan(
         print_trial(trial, problem)
         if braking:
             starting.print_braking(braking)
-        for sentence in sentences(found) if found else _without_jerk(trial):
+        for sentence in sentences(found) if found else _of_one_planner(trial):
             console.paragraph(sentence)
     broken = _unmended(trial)
     code = 0 if (out_anyway if broken else trial.is_answered) else 1
@@ -148,8 +150,16 @@ def _without(trial: Trial, keys: list[str]) -> Trial:
     return replace(trial, problem=lifted, certificate=verify(lifted, motion))
 
 
-def _without_jerk(trial: Trial) -> Iterator[str]:
-    """Say that a planner of jerk-limited motions was given no jerk limits."""
+def _of_one_planner(trial: Trial) -> Iterator[str]:
+    """Say that a shorter motion is known; that a planner of jerk limits was given none."""
+    record = records.find(trial.problem)
+    duration = trial.certified_duration
+    if record is not None and duration and duration > record.duration * (1 + BETTER_RTOL):
+        above = table_cells.percent(duration / record.duration - 1)
+        yield (
+            f"The best known motion takes {record.duration:.6f} s ({record.motion}): this one is "
+            f"{above} above it."
+        )
     if trial.planner == "exact-jerk" and not trial.problem.has("jerk"):
         yield f"{trial.problem.name} has no jerk limits: {ADD_JERK_LIMITS}"
 
