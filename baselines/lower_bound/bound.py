@@ -27,7 +27,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
-from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, SIMPLEST
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
@@ -108,8 +108,9 @@ def prove(
         raise InvalidInput("family", "'free' or 'spline353'", value=family)
     simpler = SIMPLEST.apply(problem)
     if family == "free":
-        # a motion of the problem is one of a simpler one only where nothing was simplified
-        given = kept(problem, known) if known is not None and simpler is problem else None
+        given = None
+        if known is not None and not EQUAL_WAYPOINTS.accepts(problem):
+            given = kept(simpler, RESTING_JOINTS.reduced(problem, known))
         bound = _free(simpler, within, late, time_limit, given)
     else:
         bound = _spline353(simpler, within, late)

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from trajopt import best_planner
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue
@@ -417,3 +419,46 @@ def test_a_planner_in_its_own_process_sees_every_kind_of_limit():
     with closing(Supervised("collocation:intervals=4", problem)) as planner:
         motion = planner.solve(problem).trajectory
     assert verify(problem, motion).feasible
+
+
+def test_the_known_motion_is_the_answer_where_planning_takes_long(trajopt, monkeypatch):
+    """It took 22 s of CPU time: the optimum without the limit, a motion with it, and both again."""
+    asked = []
+    monkeypatch.setattr(best_planner, "trials_of", lambda *own: asked.append(own))
+    code, out, _ = trajopt("plan robots-franka-fr3-w16-jerk")
+    assert (code, asked) == (0, [])
+    assert "best-known on robots-franka-fr3-w16-jerk: solved" in out
+    record = records.find(catalogue.load("robots-franka-fr3-w16-jerk"))
+    assert f"certified   {record.duration:.6f} s" in out
+    assert "This is the best known motion" in out
+
+
+def test_a_known_motion_that_breaks_a_limit_is_no_answer(monkeypatch):
+    problem = catalogue.load("robots-franka-fr3-w4")
+    record = records.find(problem)
+    faster = replace(record.trial.solution, trajectory=record.trajectory.dilated(0.99))
+    wrong = replace(record, trial=replace(record.trial, solution=faster))
+    monkeypatch.setattr(records, "find", lambda problem: wrong)
+    found = best_planner.best(problem, 0)
+    assert found.trial.planner == "collocation-refined"
+
+
+def test_the_answer_of_a_named_planner_is_held_against_the_known_motion(trajopt):
+    record = records.find(catalogue.load("six-axis"))
+    _, out, _ = trajopt("plan six-axis --planner ruckig-stop")
+    said = f"The best known motion takes {record.duration:.6f} s ({record.motion})"
+    assert said in " ".join(out.split())
+    assert "+60.8 % above it" in out
+    _, out, _ = trajopt("plan six-axis --planner exact")
+    assert "best known motion" not in out
+
+
+def test_a_proof_starts_from_the_answer(trajopt, tmp_path, monkeypatch):
+    """It planned the motion a second time: half of the time of a plan under all limits."""
+    monkeypatch.setattr("baselines.lower_bound.bound.incumbent", None)  # not callable
+    problem = catalogue.load("six-axis")
+    own = replace(problem, waypoints=problem.waypoints + 0.01, name="own")  # nothing is recorded
+    (tmp_path / "own.toml").write_text(own.to_toml(), encoding="utf-8")
+    code, out, _ = trajopt("plan", tmp_path / "own.toml")
+    assert code == 0
+    assert "Its answer is the optimum, proved within" in " ".join(out.split())
