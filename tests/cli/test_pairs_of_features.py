@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import trajopt
+from trajopt import cli
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures import motions
@@ -127,3 +128,59 @@ def test_a_plan_of_a_pair_is_written(run, case, output):
     code, _, err = run(f"plan p.toml --out {output}", p__toml=problem(*case))
     assert code in (0, 1), err
     assert (code == 0) == Path(output).exists(), err
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """A folder with trials of every demand beside two kinds of limits each: 14 problems."""
+    folder = tmp_path_factory.mktemp("pairs")
+    chosen = CASES[:: len(CASES) // 13]
+    files = []
+    for number, case in enumerate(chosen):
+        file = folder / f"p{number}.toml"
+        file.write_text(f'name = "p{number}"\n' + problem(*case))
+        files.append(file)
+    planners = ("--planner", "exact", "--planner", "ruckig-stop")
+    line = ["compare", *map(str, files), *planners, "--output", str(folder / "out"), "--jobs", "1"]
+    with pytest.raises(SystemExit) as ended:
+        cli.main(line)
+    assert ended.value.code in (0, 1)
+    return folder / "out", files
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet", "latex", "svg"])
+def test_pairs_are_exported(compared, run, to):
+    folder, files = compared
+    out = "--out t.csv" if to == "csv" else "--output out" * (to != "parquet")
+    assert run(f"export {folder} --to {to} {out}")[0] == 0
+    if to == "csv":
+        assert len(Path("t.csv").read_text().splitlines()) > 2 * len(files)
+
+
+def test_pairs_are_verified_and_reported(compared, run):
+    folder, _ = compared
+    code, out, err = run(f"verify {folder} --json")
+    assert (code, json.loads(out)["holds"]) == (0, True), err
+    assert run(f"report {folder} --out r.html")[0] == 0
+    assert Path("r.html").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("number", range(0, 14, 3))
+def test_a_pair_is_explained(compared, run, number):
+    _, files = compared
+    code, out, err = run(f"explain {files[number]} --planner ruckig-stop --json")
+    assert code in (0, 1), err
+    if code == 0:
+        assert json.loads(out)["gap"] > -1e-6
+
+
+@pytest.mark.parametrize("demand", ["none", "dwell", "least_duration", "duration", "closed"])
+def test_the_front_of_a_pair(run, demand):
+    """It has a curve, or says in a line why there is none."""
+    text = problem(("position", "plain"), demand)
+    code, out, err = run("front p.toml --durations 9 --time-limit 0 --json", p__toml=text)
+    assert code in (0, 1, 2), err
+    assert (code == 0) == out.startswith("{"), err
+    assert "Traceback" not in err
+    if code:
+        assert len(err.split("trajopt: ")) == 2, err

@@ -272,7 +272,7 @@ class Planner(ABC):
     def unknown_demands(self, problem: Problem) -> list[str]:
         """Return the demands of the problem that it does not plan for, by their keys."""
         keys = [key for key in problem.demands if key not in self.knows]
-        return [key for key in keys if not DEMANDS[key].splits]
+        return [key for key in keys if not DEMANDS[key].splits and not DEMANDS[key].whole]
 
     def _without_whole(self, problem: Problem) -> Problem:
         """Return the problem without what is asked of the whole motion, if it plans without it."""
