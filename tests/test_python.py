@@ -164,6 +164,43 @@ def test_progress_is_one_line_that_is_rewritten(monkeypatch: pytest.MonkeyPatch)
     assert len(shown[2].removesuffix("\n")) == len(shown[1])  # nothing of the longer one is left
 
 
+def test_an_answer_stays_above_the_line_that_is_rewritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = _Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    line = Line(answers=True, clock=lambda: 0.0)
+    line(Progress(total=9, finished=0, kept=0))
+    line(Progress(total=9, finished=1, kept=0, ended="exact on arm: 2.0000 s"))
+    line(Progress(total=9, finished=9, kept=0, ended="pso on arm: failed"))
+    assert [text.rstrip() for text in stream.getvalue().split("\r")[1:]] == [
+        "0 of 9 trials after 0 s",
+        "exact on arm: 2.0000 s",
+        "1 of 9 trials after 0 s, about 0 s left",
+        "pso on arm: failed",
+        "9 of 9 trials after 0 s",
+    ]
+    log = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", log)
+    Line(answers=True, rewritten=False)(Progress(9, 1, 0, "exact on arm: 2.0000 s"))
+    assert log.getvalue() == ""
+
+
+def test_single_runs_answer_first(tmp_path: Path) -> None:
+    """Of the main job nothing was seen for 20 s: `exact`, which takes 0.02 s, came last."""
+    said: list[str] = []
+    trajopt.compare(
+        "one-joint",
+        ["pso:iterations=1", "unoptimised", "exact"],
+        tmp_path,
+        seeds=2,
+        jobs=1,
+        progress=lambda state: said.append(state.ended),
+    )
+    start, *answers = [text.partition(" on one-joint: ") for text in said]
+    assert start[0] == ""
+    assert [name for name, *_ in answers] == ["unoptimised", "exact", "pso:iterations=1"]
+    assert answers[-1][2].endswith(" s, the median of 2 runs")
+
+
 def test_progress_is_shown_where_somebody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     state = Progress(total=2, finished=1, kept=0)
 

@@ -20,6 +20,8 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
+
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.profile import Profile
@@ -129,7 +131,8 @@ def compare(
         for task, written in run:
             finished += len(task.seeds)
             seen.add(written, trusted=trusted)
-            report(Progress(len(asked), finished, len(done)))
+            answers = [seen.trials[own] for own in task.ids.values() if own in seen.trials]
+            report(Progress(len(asked), finished, len(done), _answer(answers)))
     unfinished.end(store.folder)
     store.restore(seen)
     store.consolidate(seen, best)
@@ -139,6 +142,17 @@ def compare(
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Results(trials, kept=kept)
+
+
+def _answer(trials: Sequence[Trial]) -> str:
+    """Return a line about one planner's trials on a problem: the median duration, or a status."""
+    if not trials:
+        return ""
+    first = trials[0]
+    durations = [trial.certified_duration for trial in trials if trial.certified_duration]
+    runs = f", the median of {len(durations)} runs" if len(durations) > 1 else ""
+    said = f"{np.median(durations):.4f} s{runs}" if durations else str(first.status)
+    return f"{first.label} on {first.problem.name}: {said}"
 
 
 def _solved(problems: Iterable[Problem]) -> list[str]:

@@ -127,7 +127,7 @@ def compare(
             fresh=fresh,
             timeout=timeout,
             memory=memory,
-            progress=console.progress_line(),
+            progress=console.progress_line(answers=len(loaded) <= MAX_PROBLEMS_WITH_TABLES),
             executor=executor,
             fresh_reference=fresh_reference,
         )

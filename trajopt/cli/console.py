@@ -244,10 +244,13 @@ def waiting(message: str, *, long: bool = False) -> Iterator[Callable[[str], Non
         late.cancel()
 
 
-def progress_line(what: str = "trials") -> Line:
-    """Return what shows progress on standard error: rewritten in a terminal, else line by line."""
+def progress_line(what: str = "trials", *, answers: bool = False) -> Line:
+    """Return what shows progress on standard error: rewritten in a terminal, else line by line.
+
+    With `answers` a terminal shows each planner's answer when it has one.
+    """
     show_held()
-    return Line(what, rewritten=ERR.is_terminal)
+    return Line(what, rewritten=ERR.is_terminal, answers=answers)
 
 
 @contextmanager

@@ -15,11 +15,15 @@ LOG_INTERVAL_S = 10.0  # between lines where there is no terminal
 
 @dataclass(frozen=True)
 class Progress:
-    """Numbers of trials: asked for, finished, and finished before the run began."""
+    """Numbers of trials: asked for, finished, and finished before the run began.
+
+    `ended` says in a line what the planner that has just ended answered; empty at the start.
+    """
 
     total: int
     finished: int
     kept: int
+    ended: str = ""
 
     def after(self, seconds: float, what: str = "trials") -> str:
         """Say how many are finished after so many seconds, and how long the others may take."""
@@ -57,6 +61,7 @@ class Line:
     Args:
         what: Of which there are so many.
         rewritten: True for one line that is rewritten, False for a line now and then, as for a log.
+        answers: Whether each answer has a line of its own above the one that is rewritten.
         clock: Seconds.
     """
 
@@ -65,10 +70,12 @@ class Line:
         what: str = "trials",
         *,
         rewritten: bool = True,
+        answers: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._what = what
         self._rewritten = rewritten
+        self._answers = answers and rewritten
         self._interval = REWRITE_INTERVAL_S if rewritten else LOG_INTERVAL_S
         self._clock = clock
         self._began = clock()
@@ -77,6 +84,9 @@ class Line:
 
     def __call__(self, state: Progress) -> None:
         elapsed = self._clock() - self._began
+        if self._answers and state.ended:
+            sys.stderr.write(f"\r{state.ended.ljust(self._length)}\n")
+            self._written = -self._interval
         ended = self._rewritten and state.finished == state.total
         begins_at_end = state.kept == state.total
         too_early = elapsed - self._written < self._interval

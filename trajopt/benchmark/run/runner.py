@@ -342,7 +342,7 @@ def _or_lost(done: list[Written] | bytes | Ending, request: Request) -> list[Wri
 def _requests(
     tasks: Sequence[Task], store: Store, allowed: Allowance
 ) -> deque[tuple[Task, Request]]:
-    """Return a request for each task, the longest first.
+    """Return a request for each task: single runs, whose answers come at once, then the longest.
 
     Requests of one planner are neighbours: a judge keeps the planner's process.
     """
@@ -352,8 +352,8 @@ def _requests(
             made[id(task.profile)] = _pickled(task.profile)
     turns = list(made)
 
-    def rank(task: Task) -> tuple[int, int]:
-        return -len(task.seeds), turns.index(id(task.profile))
+    def rank(task: Task) -> tuple[bool, int, int]:
+        return len(task.seeds) > 1, -len(task.seeds), turns.index(id(task.profile))
 
     return deque(
         (task, _request(task, made[id(task.profile)], store, allowed))
