@@ -470,6 +470,7 @@ def keeping(
     problem: Problem, trajectory: Trajectory, unjudged: Collection[str] = ()
 ) -> Trajectory | None:
     """Return the repaired motion if it keeps every limit up to rounding; else None."""
+    problem = within_tolerance(problem, trajectory)
     motion = repaired(problem, trajectory)
     if motion is None:
         return None

@@ -30,16 +30,21 @@ from trajopt.planners.planner import backend
 PIECES = 8
 # Shares of the limits that are left to rounding, the next where one is not enough.
 SPARES = (1e-12, 1e-10, 1e-8)
-# Guesses of the segment times: of stopping, and of those at the velocity limits.
+# Guesses of the segment times: of stopping, of those at the velocity limits, of their mean.
 _STOPPING = (1.0, 0.3)
 _CRUISING = (1.3, 3.0)
+_EVEN = (1.3, 2.0)
 _LONGEST = 1e3  # of a guess
 _BRIEFEST = 1e-6  # of the times of stopping
+# Cost of missing a waypoint; by how much a guess may miss one; a smaller miss is rounding.
+_MISS_COST = 100.0
+_MISSING = 0.1
+_MISSED = 1e-6
 _OPTIONS: Options = {
     "tol": 1e-10,
     "constr_viol_tol": 1e-12,
     "bound_relax_factor": 0.0,
-    "mu_strategy": "adaptive",
+    "mu_strategy": "monotone",
     "acceptable_tol": 1e-9,
     "acceptable_constr_viol_tol": 1e-11,
     "max_iter": 500,
@@ -53,6 +58,8 @@ def guesses(scaled: Scaled) -> Iterator[Array]:
     cruising = np.maximum(scaled.shortest, _BRIEFEST * scaled.stop)
     for share in _CRUISING:
         yield share * cruising
+    for share in _EVEN:
+        yield share * np.full_like(cruising, cruising.mean())
 
 
 def minimised(scaled: Scaled, times: Array) -> LocalOptimum | None:
@@ -95,25 +102,34 @@ def minimised(scaled: Scaled, times: Array) -> LocalOptimum | None:
     shares = times / unit
     lengths = np.repeat(shares[:, None] / PIECES, PIECES, axis=0) * np.ones_like(a[0])
     still = np.zeros_like(lengths)
-    low = flat(least, still, v_at_start[0], a_at_start[0], jerk[0], -box)
-    high = flat(_LONGEST * shares, still + np.inf, v_at_start[1], a_at_start[1], jerk[1], box)
+    missing = np.zeros((2 * segments, joints))
+    low = flat(least, still, v_at_start[0], a_at_start[0], jerk[0], -box, missing)
+    longest = _LONGEST * shares, still + np.inf
+    high = flat(*longest, v_at_start[1], a_at_start[1], jerk[1], box, missing + np.inf)
     if np.any(low > high):
         return None
     h = scaled.h / way
     mean = np.repeat(h / shares[:, None], PIECES, axis=0)
-    run = _solver(segments, joints)(
-        start=np.clip(flat(shares, lengths, mean, still, still, 0 * box), low, high),
-        parameters=flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:]),
-        bounds=(low, high),
-        constraint_bounds=(
-            flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
-            flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
-        ),
-    )
-    if not run.success:
+    guess = flat(shares, lengths, mean, still, still, 0 * box, missing + _MISSING)
+    exact = flat(*longest, v_at_start[1], a_at_start[1], jerk[1], box, missing)
+    answer = None
+    for most in (high, exact):  # the second begins at the answer of the first
+        run = _solver(segments, joints)(
+            start=np.clip(guess, low, most),
+            parameters=flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:]),
+            bounds=(low, most),
+            constraint_bounds=(
+                flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
+                flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
+            ),
+        )
+        if not run.success or run.x[-missing.size :].max() > _MISSED:
+            break
+        answer = guess = run.x
+    if answer is None:
         return None
-    shapes = [times.shape, *([still.shape] * 4), box.shape]
-    found, _, velocity, acceleration, _, offset = unflat(run.x, shapes)
+    shapes = [times.shape, *([still.shape] * 4), box.shape, missing.shape]
+    found, _, velocity, acceleration, _, offset, _ = unflat(answer, shapes)
     found = unit * found
     states = velocity[at_waypoints] / rate, jerky * acceleration[at_waypoints] / bend
     tables: Any = NearTables if box.any() else JerkTables
@@ -144,15 +160,17 @@ def _solver(segments: int, joints: int) -> Program:
     next_a = ca.vertcat(acceleration[1:, :], end_a)
     way = of_segments @ (d * (velocity + d * (acceleration / 2 + d * jerk / 6)))
     still = ca.MX.zeros(1, joints)
+    misses = table(2 * segments)
+    missed = misses[:segments, :] - misses[segments:, :]
     moved = ca.vertcat(offset, still) - ca.vertcat(still, offset)
     return program(
         "free_pieces",
-        variables=[times, lengths, velocity, acceleration, jerk, offset],
+        variables=[times, lengths, velocity, acceleration, jerk, offset, misses],
         parameters=[h, end_v, end_a],
-        objective=ca.sum1(times),
+        objective=ca.sum1(times) + _MISS_COST * ca.sum1(ca.vec(misses)),
         constraints=[
             of_segments @ lengths - ca.repmat(times, 1, joints),
-            way - moved - h,
+            way + missed - moved - h,
             after_v - next_v,
             after_a - next_a,
             after_a,

@@ -125,8 +125,9 @@ class ExactJerk(SeveralStarts):
         alone = problem.route.at_rest or problem.segments == 1 or self.solver == "ipopt"
         if alone or (motion is not None and bounds.is_near(known, motion, _NEAR_RTOL)):
             return found
-        other = boxes.best(self, problem, _freely, self)
-        return min(found, other, key=partial(_certified, known))
+        certified = partial(_certified, known)
+        other = boxes.best(self, problem, partial(_freely, below=certified(found)), self)
+        return min(found, other, key=certified)
 
     def _solved(
         self,
@@ -210,19 +211,30 @@ def _solved_near(
     return planner._solved(problem, None, passing, patient)
 
 
-def _freely(problem: Problem, passing: Array | None, planner: ExactJerk, _: bool) -> Solution:
-    """Return the shortest answer of the second method (`exact.jerk.free_pieces`)."""
+def _freely(
+    problem: Problem, passing: Array | None, planner: ExactJerk, _: bool, below: float
+) -> Solution:
+    """Return the shortest answer of the second method (`exact.jerk.free_pieces`).
+
+    Args:
+        problem: As `boxes.Solve` has it, likewise the next two.
+        passing: Further limits at the waypoints.
+        planner: Whose answer it is.
+        below: Duration of a known answer, s; a longer one is none.
+    """
     from baselines.exact.jerk.motion import Reachable
 
     known = problem.without(*planner.unknown(problem))
     scales = [Reachable(problem, passing=passing) for _ in free_pieces.SPARES]
     for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
         gaps.spare(scaled, spare)
-    shortest, best = np.inf, None
+    shortest, best = below / scales[0].unit, None
     for times in free_pieces.guesses(scales[0]):
         for scaled in scales:
             found = free_pieces.minimised(scaled, times)
-            if found is None or not found.duration < shortest:
+            if found is None:
+                continue
+            if not found.duration < shortest:
                 break
             motion = motion_of(scaled, found)
             if motion is not None and keeping(known, motion) is not None:

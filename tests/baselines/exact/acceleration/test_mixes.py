@@ -8,6 +8,7 @@ import pytest
 from baselines.exact.acceleration import Exact
 from soaks import mixes
 from trajopt import Limits, Problem, verify
+from trajopt.benchmark.suites.mixes import halves
 
 # Waypoints, tolerance of the second one, velocity and acceleration limits of both segments, the
 # velocities at the ends, and the minimum time: IPOPT, every joint in its own pieces of constant
@@ -71,7 +72,7 @@ def test_a_cut_motion_is_planned_again_as_short(seed, share):
     whole = Problem(drawn.waypoints, drawn.limits, demands=kept)
     solution, duration = mixes.solved(whole)
     cut = 0.565 if share is None else duration - share
-    parts = mixes.halves(whole, solution.trajectory, cut)
+    parts = halves(whole, solution.trajectory, cut)
     for part, own in zip(parts, (cut, duration - cut), strict=True):
         assert mixes.solved(part)[1] <= own * (1 + 1e-6)
 
