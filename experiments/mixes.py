@@ -25,7 +25,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging.verification import verify
 
-PARTS = 16
+PARTS = 12
 CYCLE_S = 1e-3
 _BESIDE_S = 1e-6  # a waypoint that is nearer to the cut would leave a segment of rounding
 _NO_SLOWER = 1e-9  # relative: the motion itself keeps its limits

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, islice
 from typing import Any
 
@@ -29,14 +30,16 @@ from baselines.exact.acceleration.demands import DemandInequalities, DemandTable
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
-from baselines.exact.method import brief_steps, gate, guesses
+from baselines.exact.method import brief_steps, free_pieces, gate, guesses
 from baselines.exact.method.chain import with_outer
 from baselines.exact.method.crossover import minimised
+from baselines.exact.method.free_pieces import FreeOptimum
 from baselines.exact.method.guesses import Guess
 from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
+    certified,
     without_ipopt,
 )
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
@@ -99,7 +102,12 @@ class Exact(SeveralStarts):
             # the optimum may be on any side of a box: two guesses that agree say nothing
             sides = guesses.EVERY_SIDE
             several = replace(self, starts=max(self.starts, sides), agreeing=sides)
-            return boxes.best(self, problem, _solved_near, several)
+            found = boxes.best(self, problem, _solved_near, several)
+            if self.is_near(known, found):
+                return found
+            below = certified(known, found)
+            other = boxes.best(self, problem, partial(_freely, below=below), self)
+            return min(found, other, key=partial(certified, known))
         return brief_steps.solved(problem, known, self._solved)
 
     def _solved(
@@ -132,7 +140,7 @@ class Exact(SeveralStarts):
                 if first_time is not None:
                     return self.best_of(scaled, lambda _: [first_time], iter([None]))
                 known = _before_gaps(scaled)
-            beside = [*(Guess(*own) for own in gaps.starts(scaled)), guesses.cruising(scaled)]
+            beside = [*(Guess(*own) for own in gaps.starts(scaled)), *guesses.cruising(scaled)]
         count = (MAX_STARTS_FACTOR if patient else 1) * self.starts
         random = starting_points(scaled, count)
         stopping = islice(random, 1)
@@ -147,6 +155,18 @@ def _solved_near(
     problem: Problem, passing: Array | None, planner: Exact, patient: bool
 ) -> Solution:
     return planner._solved(problem, None, passing, patient)
+
+
+def _freely(
+    problem: Problem, passing: Array | None, planner: Exact, _: bool, below: float
+) -> Solution:
+    def optimum(scaled: Passing, found: FreeOptimum) -> LocalOptimum:
+        near = scaled.tolerance.any()
+        states = (found.velocity, found.offset) if near else found.velocity
+        return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
+
+    scales = [Passing(problem, passing) for _ in free_pieces.SPARES]
+    return planner.freely(problem, scales, optimum, below)
 
 
 class Passing(Scaled):

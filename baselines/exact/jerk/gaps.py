@@ -10,7 +10,7 @@ In a problem of one segment all states are given, and only the time is free. Its
 first possible time (`first_time`), which may be a single one before a gap.
 
 A motion in motion cannot be dilated. So its limits are made tighter by 1e-10, relative, for its
-rounding, or by 1e-8 (`spare`).
+rounding, or by 1e-8 (`exact.method.scaled.leave`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from trajopt.core.arrays import Array, Bools
 MAX_STARTS = 32
 # Shares of the limits that are left to rounding: the second where the first is not enough.
 SPARES = (1e-10, 1e-8)
-# Half of what the judge counts as rounding of a limit.
-KEPT = 5e-13
 # Grid of times of a segment: how many, the longest and the shortest, relative to its stop time.
 _TIMES = 160
 _LONGEST = 30.0
@@ -75,32 +73,6 @@ class _Beside(NamedTuple):
 
     time: float
     state: Array
-
-
-def spare(scaled: Scaled, share: float) -> None:
-    """Make limits tighter by a share, but for those that a state at an end needs whole."""
-    velocity, acceleration = scaled.end_v, scaled.end_a
-    # those of the first and the last segment
-    slowest, steepest = (np.abs(own).min(axis=0)[[0, -1]] for own in (scaled.v, scaled.a))
-    ramp = scaled.r.max(axis=0)[[0, -1]] * acceleration**2 / 2
-    # the velocity that the acceleration leads to, backwards in time from the end
-    towards = np.sign(acceleration) * [[1], [-1]]
-    led = towards * velocity + ramp
-    most = 1 - 2 * share
-    ramps = (led > most * slowest) & (acceleration != 0)
-    fast = (np.abs(velocity) > most * slowest) | ramps
-    steep = np.abs(acceleration) > most * steepest
-    v, a = (np.where(whole.any(axis=0), 1.0, 1 - share) for whole in (fast, steep))
-    # the ramp from such a state to the velocity limit needs the jerk of its segment, but for what
-    # the judge counts as rounding of the velocity
-    v = np.where(ramps.any(axis=0), 1 + KEPT, v)
-    needed = 1 - np.minimum(KEPT * slowest / np.where(ramps, ramp, np.inf), share)
-    r = np.full((len(scaled.h) if ramps.any() else 1, ramps.shape[1]), 1 - share)
-    r[0] = np.where(ramps[0], needed[0], r[0])
-    r[-1] = np.where(ramps[1], needed[1], r[-1])
-    scaled.v, scaled.waypoint_v = scaled.v * v, scaled.waypoint_v * v
-    scaled.a, scaled.waypoint_a = scaled.a * a, scaled.waypoint_a * a
-    scaled.r = scaled.r / r
 
 
 def first_time(scaled: Scaled) -> list[JerkStart]:

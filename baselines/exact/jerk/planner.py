@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
-from baselines.exact.jerk import even_pieces, free_pieces, gaps, narrow, one_sided
+from baselines.exact.jerk import even_pieces, gaps, narrow, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
-from baselines.exact.method import bounds, brief_steps, gate
+from baselines.exact.method import brief_steps, free_pieces, gate
+from baselines.exact.method.free_pieces import FreeOptimum
 from baselines.exact.method.interior_point import (
     begun,
     chosen,
@@ -36,17 +37,17 @@ from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
-    motion_of,
+    certified,
     unconverged,
     without_ipopt,
 )
-from baselines.exact.method.scaled import Scaled
+from baselines.exact.method.scaled import Scaled, leave
 from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import keeping, verify
+from trajopt.judging.verification import keeping
 from trajopt.planners.reductions import SIMPLEST, reduced
 
 if TYPE_CHECKING:
@@ -61,8 +62,6 @@ MAX_START_DILATION = 1.5
 # The motion through the exact points, as an initial guess: times so much longer, and steps.
 _SLOWER = 1.02
 _MOST_STEPS = 400
-# A bound so near, relative, tells that the second method need not be tried.
-_NEAR_RTOL = 1e-3
 _FEW_STARTS = 2  # for each problem, where boxes overlap and there are several problems
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
@@ -121,13 +120,11 @@ class ExactJerk(SeveralStarts):
             briefly = partial(self._solved, patient=False)
             stopping = _stopping if problem.route.at_rest else None
             found = brief_steps.solved(problem, known, self._solved, briefly, stopping)
-        motion = found.trajectory
-        alone = problem.route.at_rest or problem.segments == 1 or self.solver == "ipopt"
-        if alone or (motion is not None and bounds.is_near(known, motion, _NEAR_RTOL)):
+        if self.is_near(known, found):
             return found
-        certified = partial(_certified, known)
-        other = boxes.best(self, problem, partial(_freely, below=certified(found)), self)
-        return min(found, other, key=certified)
+        below = certified(known, found)
+        other = boxes.best(self, problem, partial(_freely, below=below), self)
+        return min(found, other, key=partial(certified, known))
 
     def _solved(
         self,
@@ -172,7 +169,7 @@ class ExactJerk(SeveralStarts):
         scaled = Reachable(problem, passing=passing)
         scaled.left_out = left_out
         if not problem.route.at_rest:
-            gaps.spare(scaled, spare)
+            leave(scaled, spare)
 
         def solve(starts: Sequence[JerkStart]) -> list[LocalOptimum]:
             if self.solver == "ipopt":
@@ -202,7 +199,7 @@ class ExactJerk(SeveralStarts):
         if exact.trajectory is None:
             return self.best_of(scaled, solve, starts)
         near = self.best_of(scaled, solve, starts, _from_exact_points(scaled, exact.trajectory))
-        return min(near, exact, key=partial(_certified, problem))
+        return min(near, exact, key=partial(certified, problem))
 
 
 def _solved_near(
@@ -214,35 +211,17 @@ def _solved_near(
 def _freely(
     problem: Problem, passing: Array | None, planner: ExactJerk, _: bool, below: float
 ) -> Solution:
-    """Return the shortest answer of the second method (`exact.jerk.free_pieces`).
-
-    Args:
-        problem: As `boxes.Solve` has it, likewise the next two.
-        passing: Further limits at the waypoints.
-        planner: Whose answer it is.
-        below: Duration of a known answer, s; a longer one is none.
-    """
     from baselines.exact.jerk.motion import Reachable
 
-    known = problem.without(*planner.unknown(problem))
+    def optimum(scaled: Scaled, found: FreeOptimum) -> LocalOptimum:
+        near = scaled.tolerance.any()
+        tables: Any = NearTables(scaled) if near else JerkTables(scaled)
+        point = tables.linked(found.times[None], found.velocity[None], found.acceleration[None])
+        states = point._replace(offset=found.offset[None]) if near else point
+        return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
+
     scales = [Reachable(problem, passing=passing) for _ in free_pieces.SPARES]
-    for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
-        gaps.spare(scaled, spare)
-    shortest, best = below / scales[0].unit, None
-    for times in free_pieces.guesses(scales[0]):
-        for scaled in scales:
-            found = free_pieces.minimised(scaled, times)
-            if found is None:
-                continue
-            if not found.duration < shortest:
-                break
-            motion = motion_of(scaled, found)
-            if motion is not None and keeping(known, motion) is not None:
-                shortest, best = found.duration, motion
-                break
-    if best is None:
-        return Solution(Status.FAILED, message="no start succeeded")
-    return planner.answered(problem, best)
+    return planner.freely(problem, scales, optimum, below)
 
 
 def _stopping(problem: Problem, _: Array | None) -> Solution:
@@ -285,12 +264,6 @@ def _from_exact_points(scaled: Reachable, motion: Trajectory) -> list[LocalOptim
         return [found]
     is_kept = unconverged(scaled, [found]) is not None
     return [found._replace(duration=float(found.times.sum()))] if is_kept else []
-
-
-def _certified(problem: Problem, solution: Solution) -> float:
-    """Return the certified duration of an answer, s; infinite where there is none."""
-    motion = solution.trajectory
-    return np.inf if motion is None else verify(problem, motion).certified_duration or np.inf
 
 
 def _met(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:

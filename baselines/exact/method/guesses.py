@@ -21,7 +21,7 @@ EVERY_SIDE = 10  # guesses where there are tolerances
 _SWEEPS = 20  # towards the chord
 _SIDE = 0.95  # of the half width of a box
 _TIMES = (1.0, 0.5)  # of stopping, from each place
-_CRUISING = 1.3  # of the times at the velocity limits
+_CRUISING = (1.3, 1.05, 2.0)  # of the times at the velocity limits
 _BRIEFEST = 1e-3  # of the times of stopping: boxes that overlap leave no way
 _SLOW = 2.0  # further times, from the places between the sides
 
@@ -55,12 +55,19 @@ def on_purpose(scaled: Scaled) -> Iterator[Guess]:
             yield _guess(scaled, side * r, share)
 
 
-def cruising(scaled: Scaled) -> Guess:
-    """Return the chord a little slower than at the velocity limits, for motions that begin or end
-    in motion: a short segment next to an end is passed at once, and the times of stopping are far.
+def cruising(scaled: Scaled) -> Iterator[Guess]:
+    """Yield guesses a little slower than at the velocity limits, for motions in motion at an end.
+
+    A short segment next to such an end is passed at once, and the times of stopping are far. The
+    way is the chord; with tolerances also along both sides of the boxes and their middles.
     """
-    chord = _chord(scaled)
-    return _guess(scaled, chord, _CRUISING, (_ways(scaled, chord) / scaled.v).max(axis=(0, 2)))
+    r = scaled.tolerance
+    ways = [(_chord(scaled), own) for own in (_CRUISING if r.any() else _CRUISING[:1])]
+    if r.any():
+        ways += [(side * r, _CRUISING[0]) for side in (0.0, _SIDE, -_SIDE)]
+    for offset, share in ways:
+        times = (_ways(scaled, offset) / scaled.v).max(axis=(0, 2))
+        yield _guess(scaled, offset, share, times)
 
 
 def _chord(scaled: Scaled) -> Array:

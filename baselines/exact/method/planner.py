@@ -9,7 +9,9 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from baselines.exact.method import one_piece
+from baselines.exact.method import bounds, free_pieces, one_piece
+from baselines.exact.method.free_pieces import FreeOptimum
+from baselines.exact.method.scaled import leave
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
@@ -31,6 +33,8 @@ Start = TypeVar("Start")
 DEMANDS_KNOWN = ("least_times", "given_times", "closed")
 # A duration that exceeds the sum of the given times by less, relative, counts as equal.
 _GIVEN_RTOL = 1e-10
+# A bound so near, relative, tells that the second method need not be tried.
+_NEAR_RTOL = 1e-4
 _SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
 
 
@@ -114,6 +118,53 @@ class SeveralStarts(Planner):
         motion = one_piece.motion(problem.without(*self.unknown(problem)))
         return None if motion is None else self.answered(problem, motion)
 
+    def is_near(self, problem: Problem, found: Solution) -> bool:
+        """Return whether no second method need be tried: nothing moves at the ends, or a bound
+        proves that the answer is near the fastest.
+
+        Args:
+            problem: With the limits that count.
+            found: The answer.
+        """
+        motion = found.trajectory
+        alone = problem.route.at_rest or problem.segments == 1 or self.solver == "ipopt"
+        return alone or (motion is not None and bounds.is_near(problem, motion, _NEAR_RTOL))
+
+    def freely(
+        self,
+        problem: Problem,
+        scales: Sequence[Any],
+        optimum: Callable[[Any, FreeOptimum], LocalOptimum],
+        below: float,
+    ) -> Solution:
+        """Return the shortest answer of the second method (`exact.method.free_pieces`).
+
+        Args:
+            problem: Whose motions begin or end in motion.
+            scales: The problem without units, `Scaled` and `Reaching`, once for each of
+                `free_pieces.SPARES`.
+            optimum: Returns what the planner makes a motion of.
+            below: Duration of a known answer, s; a longer one is none.
+        """
+        known = problem.without(*self.unknown(problem))
+        for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
+            leave(scaled, spare)
+        shortest, best = below / scales[0].unit, None
+        for times in free_pieces.guesses(scales[0]):
+            for scaled in scales:
+                found = free_pieces.minimised(scaled, times)
+                if found is None:
+                    continue
+                if not found.times.sum() < shortest:
+                    break
+                motion = motion_of(scaled, optimum(scaled, found))
+                if motion is not None and keeping(known, motion) is not None:
+                    shortest, best = float(found.times.sum()), motion
+                    break
+        if best is None:
+            return Solution(Status.FAILED, message="the second method finds none")
+        return self.answered(problem, best)
+
     def best_of(
         self,
         scaled: Reaching,
@@ -183,6 +234,12 @@ class SeveralStarts(Planner):
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
         message = f"{kinds} limits are ignored: {best_known}"
         return Solution(Status.RELAXED, answer, message, stats=stats)
+
+
+def certified(problem: Problem, solution: Solution) -> float:
+    """Return the certified duration of an answer, s; infinite where there is none."""
+    motion = solution.trajectory
+    return np.inf if motion is None else verify(problem, motion).certified_duration or np.inf
 
 
 def unconverged(scaled: Reaching, local: Sequence[LocalOptimum]) -> Trajectory | None:

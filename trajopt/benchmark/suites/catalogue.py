@@ -18,7 +18,16 @@ from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
-from trajopt.benchmark.suites import demands, edges, families, literature, moving, robots, sections
+from trajopt.benchmark.suites import (
+    demands,
+    edges,
+    families,
+    literature,
+    mixes,
+    moving,
+    robots,
+    sections,
+)
 from trajopt.benchmark.suites.suite import Suite
 from trajopt.core import built_in, files
 from trajopt.core.exceptions import InvalidInput, UnknownName
@@ -158,6 +167,7 @@ def suites() -> dict[str, Suite]:
         moving.SUITE,
         sections.SUITE,
         demands.SUITE,
+        mixes.SUITE,
         Suite(
             "random",
             "its families by turns",

@@ -27,7 +27,8 @@ from trajopt.planners.rest_to_rest import stop_times
 
 # Raise it whenever a problem changes.
 VERSION = 1
-DRAWN = 16  # by default
+DRAWN = 12  # by default
+_MOST_CELLS = 24  # segments times joints
 # Tolerances of each joint, of its largest displacement; with the larger ones boxes overlap.
 _SHARES = (0.001, 0.02, 0.1, 0.3)
 _MOST_VELOCITY = 0.6  # of its limit
@@ -59,7 +60,8 @@ Generator = np.random.Generator
 def draw(index: int) -> Problem:
     """Draw problem number `index`: 2 to 7 joints, 2 to 12 waypoints; odd ones have jerk limits."""
     rng = np.random.default_rng([VERSION, 60, index])
-    joints, segments = int(rng.integers(2, 8)), int(rng.integers(1, 12))
+    joints = int(rng.integers(2, 8))
+    segments = int(rng.integers(1, 1 + min(11, _MOST_CELLS // joints)))
     steps = np.vstack([rng.uniform(-1, 1, joints), rng.normal(0, 0.8, (segments, joints))])
     V, A = (np.round(rng.uniform(low, high, joints), 2) for low, high in ((0.5, 3), (1, 8)))
     J = np.round(A * rng.uniform(4, 30, joints), 1) if index % 2 else None

@@ -1,11 +1,14 @@
-"""The second method of `exact.jerk` in motion: IPOPT, every joint in pieces of its own.
+"""The second method of `exact` and `exact-jerk` in motion: IPOPT, every joint in its own pieces.
 
-The interior-point method begins strictly inside all inequalities. Near the optimum of a part of an
-optimal motion there may be no inside: each joint's states just before the part's end leave it one
-motion. Here every joint passes each segment in `PIECES` pieces of constant jerk, as long as it
-likes. Every motion within the limits that is an optimum can be written so. A guess may miss
-waypoints, so no inside is needed. The times and states of an answer are those of the optimum, and
-`exact.jerk.motion` makes the motion of them.
+The interior-point method of `exact.jerk` begins strictly inside all inequalities. Near the optimum
+of a part of an optimal motion there may be no inside: each joint's states just before the part's
+end leave it one motion. And where tolerances meet states in motion, a guess may lead to another
+local optimum.
+
+Here every joint passes each segment in `PIECES` pieces of constant jerk, or acceleration where jerk
+is not limited, as long as it likes. Every optimum can be written so. At first waypoints may be
+missed, at a cost, so no guess is impossible; then they are met. The planner makes the motion of the
+times and states that are found.
 
 The velocity on a piece is a quadratic. It stays between its ends and `v + a d/2`, the Bernstein
 coefficient between them; with a break at its peak nothing is lost.
@@ -15,13 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.exact.jerk.cells import JerkTables
-from baselines.exact.jerk.near import NearTables
-from baselines.exact.method.planner import LocalOptimum
 from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
@@ -30,10 +30,12 @@ from trajopt.planners.planner import backend
 PIECES = 8
 # Shares of the limits that are left to rounding, the next where one is not enough.
 SPARES = (1e-12, 1e-10, 1e-8)
-# Guesses of the segment times: of stopping, of those at the velocity limits, of their mean.
-_STOPPING = (1.0, 0.3)
-_CRUISING = (1.3, 3.0)
-_EVEN = (1.3, 2.0)
+# Guesses of the segment times: shares of those at the velocity limits, of their mean, and of those
+# of stopping; then these times factors.
+_SHARES = (1.3, 1.3, 0.3)
+_MORE = (2.3, 1.5, 3.0)
+# Guesses times segments times joints: a bound of the time, which grows with it.
+_MOST_CELLS = 60
 _LONGEST = 1e3  # of a guess
 _BRIEFEST = 1e-6  # of the times of stopping
 # Cost of missing a waypoint; by how much a guess may miss one; a smaller miss is rounding.
@@ -51,18 +53,31 @@ _OPTIONS: Options = {
 }
 
 
+class FreeOptimum(NamedTuple):
+    """A local optimum, without units.
+
+    Attributes:
+        times: of the segments, `(segments,)`.
+        velocity, acceleration: at the waypoints with a state, `(waypoints, joints)`.
+        offset: of these waypoints from their nominal places, likewise.
+    """
+
+    times: Array
+    velocity: Array
+    acceleration: Array
+    offset: Array
+
+
 def guesses(scaled: Scaled) -> Iterator[Array]:
-    """Yield guesses of the times of the segments, `(segments,)`."""
-    for share in _STOPPING:
-        yield share * scaled.stop
+    """Yield guesses of the times of the segments, `(segments,)`; fewer of larger problems."""
     cruising = np.maximum(scaled.shortest, _BRIEFEST * scaled.stop)
-    for share in _CRUISING:
-        yield share * cruising
-    for share in _EVEN:
-        yield share * np.full_like(cruising, cruising.mean())
+    even = np.full_like(cruising, cruising.mean())
+    found = [share * own for own, share in zip((cruising, even, scaled.stop), _SHARES, strict=True)]
+    found += [more * own for own, more in zip(found, _MORE, strict=True)]
+    yield from found[: _MOST_CELLS // scaled.h.size]
 
 
-def minimised(scaled: Scaled, times: Array) -> LocalOptimum | None:
+def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     """Return the local optimum that IPOPT finds from a guess of the times, if it finds one.
 
     Args:
@@ -130,13 +145,12 @@ def minimised(scaled: Scaled, times: Array) -> LocalOptimum | None:
         return None
     shapes = [times.shape, *([still.shape] * 4), box.shape, missing.shape]
     found, _, velocity, acceleration, _, offset, _ = unflat(answer, shapes)
-    found = unit * found
-    states = velocity[at_waypoints] / rate, jerky * acceleration[at_waypoints] / bend
-    tables: Any = NearTables if box.any() else JerkTables
-    point = tables(scaled).linked(found[None], *(own[None] for own in states))
-    if box.any():
-        point = point._replace(offset=(way * offset)[None])
-    return LocalOptimum(float(found.sum()), found, point, "Converged")
+    return FreeOptimum(
+        unit * found,
+        velocity[at_waypoints] / rate,
+        jerky * acceleration[at_waypoints] / bend,
+        way * offset,
+    )
 
 
 @cache
