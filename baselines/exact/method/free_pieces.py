@@ -29,7 +29,7 @@ from trajopt.planners.planner import backend
 
 PIECES = 8
 # Shares of the limits that are left to rounding, the next where one is not enough.
-SPARES = (1e-12, 1e-10, 1e-8)
+SPARES = (0.0, 1e-12, 1e-10, 1e-8)
 # Guesses of the segment times: shares of those at the velocity limits, of their mean, and of those
 # of stopping; then these times factors.
 _SHARES = (1.3, 1.3, 0.3)
