@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -60,7 +61,11 @@ def merged(problem: Problem) -> Iterator[Merged]:
 
 
 def best(
-    planner: PlannerT, problem: Problem, solve: Solve[PlannerT], several: PlannerT
+    planner: PlannerT,
+    problem: Problem,
+    solve: Solve[PlannerT],
+    several: PlannerT,
+    choices: int | None = None,
 ) -> Solution:
     """Return the shortest answer to the problem and to those with merged neighbours.
 
@@ -71,8 +76,9 @@ def best(
             `Merged.passing`. Its last argument tells whether more initial guesses are tried where
             all of the planner's have failed.
         several: The planner for each problem where there are several.
+        choices: How many of these problems are solved; None: all.
     """
-    whole, *others = merged(problem)
+    whole, *others = islice(merged(problem), choices)
     if others:
         planner = several
     found: list[Solution] = []

@@ -34,6 +34,7 @@ from baselines.exact.method.interior_point import (
     descended,
 )
 from baselines.exact.method.planner import (
+    CHOICES,
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
@@ -123,7 +124,7 @@ class ExactJerk(SeveralStarts):
         if self.is_near(known, found):
             return found
         below = certified(known, found)
-        other = boxes.best(self, problem, partial(_freely, below=below), self)
+        other = boxes.best(self, problem, partial(_freely, below=below), self, CHOICES)
         return min(found, other, key=partial(certified, known))
 
     def _solved(

@@ -34,8 +34,10 @@ SPARES = (0.0, 1e-12, 1e-10, 1e-8)
 # of stopping; then these times factors.
 _SHARES = (1.3, 1.3, 0.3)
 _MORE = (2.3, 1.5, 3.0)
-# Guesses times segments times joints: a bound of the time, which grows with it.
-_MOST_CELLS = 60
+# Guesses times segments times joints, and iterations times these: bounds of the time.
+_MOST_CELLS = 36
+_MOST_ITERATIONS = 500
+_ITERATIONS_CELLS = 4000
 _LONGEST = 1e3  # of a guess
 _BRIEFEST = 1e-6  # of the times of stopping
 # Cost of missing a waypoint; by how much a guess may miss one; a smaller miss is rounding.
@@ -49,7 +51,6 @@ _OPTIONS: Options = {
     "mu_strategy": "monotone",
     "acceptable_tol": 1e-9,
     "acceptable_constr_viol_tol": 1e-11,
-    "max_iter": 500,
 }
 
 
@@ -157,6 +158,7 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
 def _solver(segments: int, joints: int) -> Program:
     """Return the program for all problems of this size, built once; its data are parameters."""
     ca = backend("casadi")
+    most = min(_MOST_ITERATIONS, _ITERATIONS_CELLS // (segments * joints))
     count = segments * PIECES
 
     def table(rows: int) -> Any:
@@ -191,5 +193,5 @@ def _solver(segments: int, joints: int) -> Program:
             velocity + d * acceleration / 2,
             after_v[PIECES - 1 :: PIECES, :],
         ],
-        options=_OPTIONS,
+        options={**_OPTIONS, "max_iter": most},
     )
