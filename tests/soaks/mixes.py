@@ -8,7 +8,7 @@ times, waits, a loop, states in motion at either end, limits per segment; every 
 limits. Three relations are checked:
 
 - An answer is `solved` if and only if the judge certifies its motion.
-- A wider tolerance, wider limits and smaller least times never take longer.
+- A wider tolerance, wider limits and smaller least times never take longer, alone or in pairs.
 - The motion is cut in its own state: at a random instant, at a controller's cycle, a millisecond
   after its start and before its end. Each part is planned anew, and takes no longer than it took.
 
@@ -70,8 +70,12 @@ def checks(seed: int) -> Iterator[Check]:
         is_proved = solution.status is Status.INFEASIBLE
         yield "answered, or proved infeasible", problem.name, 0.0 if is_proved else np.inf
         return
-    for key, wider in _wider(problem):
-        yield f"a wider {key} never lengthens", problem.name, solved(wider)[1] / duration - 1
+    rng = np.random.default_rng([779, seed])
+    for key, own in wider(problem):
+        alone = solved(own)[1]
+        yield f"a wider {key} never lengthens", problem.name, alone / duration - 1
+        _, both = list(wider(own))[rng.integers(2)]
+        yield "two wider ones never lengthen", problem.name, solved(both)[1] / alone - 1
     whole = replace(problem, demands=mixes.inherited(problem))
     motion, duration = solved(whole)[0].trajectory, solved(whole)[1]
     if motion is None or abs(motion.duration / duration - 1) > THEOREM:
@@ -95,7 +99,7 @@ def checks(seed: int) -> Iterator[Check]:
             yield f"cut {words}", part.name, solved(part)[1] / own - 1
 
 
-def _wider(problem: Problem) -> Iterator[tuple[str, Problem]]:
+def wider(problem: Problem) -> Iterator[tuple[str, Problem]]:
     """Yield the problem with one demand or limit that asks less."""
     for key, factor in (("tolerance", WIDER), ("least_times", 1 / WIDER)):
         if key in problem.demands:
