@@ -240,8 +240,8 @@ def problem_pages() -> None:
 
 {len(rows)} problems, {closed} of them closed:
 the best known motion is proved to be within 0.1 % of the minimum time. Click a heading to sort.
-The {len(every) - len(files)} problems of the suites `moving`, `sections` and `demands` have records
-without pages: `trajopt best-known list`.
+The {len(every) - len(files)} problems of the suites `moving`, `sections`, `demands` and `mixes`
+have records without pages: `trajopt best-known list`.
 
 <div class="sortable"></div>
 
