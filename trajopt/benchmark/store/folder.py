@@ -203,7 +203,9 @@ class Store:
         try:
             with results_file.product(self.results, provenance()["judge_digest"]) as held:
                 texts = {entry.id: text for entry, text in held}
-            return texts == {_id(path): _load(path) for path in _trial_files(self.folder)}
+            paths = _trial_files(self.folder)
+            same = (texts.get(_id(path)) == _load(path) for path in paths)
+            return len(texts) == len(paths) and all(same)
         except Exception:  # there is none, or none that can be read
             return False
 
