@@ -74,9 +74,9 @@ try:
     seen = timed("seen", store.seen, {own.id for own in fresh})
 except TypeError:
     seen = timed("seen", store.seen)
-written = timed("judging", store.write_all, fresh)
-for one in written:
-    message = timed("judging", pickle.dumps, [one])
+for one in fresh:
+    written = timed("judging", store.write_all, [one])
+    message = timed("judging", pickle.dumps, written)
     sent = timed("keeping", pickle.loads, message)
     if hasattr(seen, "judge_trials"):
         timed("keeping", seen.add, sent)
