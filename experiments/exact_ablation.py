@@ -24,6 +24,7 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
+from baselines.exact.method import free_pieces
 from experiments.common.output import save_table, say
 from trajopt.benchmark.suites import catalogue, mixes
 from trajopt.core.exceptions import InvalidInput
@@ -65,6 +66,7 @@ def _scaled(name: str, place: str) -> dict[str, Variant]:
 BOTH: dict[str, Variant] = {
     "all": {},
     "no motion of one piece": _out(f"{_METHOD}.one_piece:motion", _none),
+    "no second method": _out(f"{_METHOD}.bounds:is_near", lambda *_: True),
     "no last iterates": _out(f"{_METHOD}.planner:unconverged", _none),
     "no easier problems after the gate": _out(f"{_METHOD}.gate:_easier"),
     "no merged neighbours": {
@@ -81,11 +83,7 @@ VARIANTS: dict[str, dict[str, Variant]] = {
         "no sharpened instants": _out(
             f"{_WITHOUT_JERK}.instants:sharpened", lambda _, times, states: (times, states)
         ),
-        "no guess at cruising speed": {
-            f"{_METHOD}.guesses:cruising": lambda _: (
-                lambda own: next(import_module(f"{_METHOD}.guesses").on_purpose(own))
-            )
-        },
+        "no guesses at cruising speed": _out(f"{_METHOD}.guesses:cruising"),
         "no guesses on purpose": _out(f"{_METHOD}.guesses:on_purpose"),
         "no random guesses": {
             f"{_WITHOUT_JERK}.planner:starting_points": lambda old: lambda own, _: old(own, 1)
@@ -97,7 +95,6 @@ VARIANTS: dict[str, dict[str, Variant]] = {
     },
     "exact-jerk": {
         **BOTH,
-        "no second method": _out(f"{_METHOD}.bounds:is_near", lambda *_: True),
         "no even pieces": _out(f"{_JERK}.even_pieces:starts"),
         "no narrowing limits": {
             f"{_JERK}.narrow:inside": lambda _: lambda scaled, starts, spare: list(starts)
@@ -105,8 +102,8 @@ VARIANTS: dict[str, dict[str, Variant]] = {
         "no guesses beside gaps": _out(f"{_JERK}.gaps:starts"),
         "no more guesses where all fail": _out(f"{_JERK}.gaps:more_starts", lambda _: iter(())),
         "no start at the exact points": _out(f"{_JERK}.planner:_from_exact_points"),
-        **_scaled("pieces of the second method", f"{_JERK}.free_pieces:PIECES"),
-        **_scaled("cost of missing a waypoint", f"{_JERK}.free_pieces:_MISS_COST"),
+        **_scaled("pieces of the second method", f"{_METHOD}.free_pieces:PIECES"),
+        **_scaled("cost of missing a waypoint", f"{_METHOD}.free_pieces:_MISS_COST"),
     },
 }
 
@@ -136,6 +133,7 @@ def problems(planner: str, motions: int) -> Iterator[tuple[Problem, float]]:
 
 def durations(planner: str, asked: list[tuple[Problem, float]], variant: Variant) -> Any:
     """Return the certified durations under a variant, s, and the CPU time, s."""
+    free_pieces._solver.cache_clear()  # it is built with the constants of a row
     with ExitStack() as changed:
         for place, value in variant.items():
             module, _, attribute = place.partition(":")

@@ -36,7 +36,6 @@ from baselines.exact.method.crossover import minimised
 from baselines.exact.method.free_pieces import FreeOptimum
 from baselines.exact.method.guesses import Guess
 from baselines.exact.method.planner import (
-    CHOICES,
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
@@ -107,7 +106,9 @@ class Exact(SeveralStarts):
             if self.is_near(known, found):
                 return found
             below = certified(known, found)
-            other = boxes.best(self, problem, partial(_freely, below=below), self, CHOICES)
+            other = boxes.best(
+                self, problem, partial(_freely, below=below), self, free_pieces.choices(problem)
+            )
             return min(found, other, key=partial(certified, known))
         return brief_steps.solved(problem, known, self._solved)
 

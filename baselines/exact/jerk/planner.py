@@ -34,7 +34,6 @@ from baselines.exact.method.interior_point import (
     descended,
 )
 from baselines.exact.method.planner import (
-    CHOICES,
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
@@ -124,7 +123,9 @@ class ExactJerk(SeveralStarts):
         if self.is_near(known, found):
             return found
         below = certified(known, found)
-        other = boxes.best(self, problem, partial(_freely, below=below), self, CHOICES)
+        other = boxes.best(
+            self, problem, partial(_freely, below=below), self, free_pieces.choices(problem)
+        )
         return min(found, other, key=partial(certified, known))
 
     def _solved(

@@ -25,6 +25,7 @@ import numpy as np
 from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
+from trajopt.core.problem import Problem
 from trajopt.planners.planner import backend
 
 PIECES = 8
@@ -67,6 +68,11 @@ class FreeOptimum(NamedTuple):
     velocity: Array
     acceleration: Array
     offset: Array
+
+
+def choices(problem: Problem) -> int:
+    """Return for how many choices of merged neighbours it is tried: with none, with most, …"""
+    return max(2, _MOST_CELLS // (problem.segments * problem.joints))
 
 
 def guesses(scaled: Scaled) -> Iterator[Array]:

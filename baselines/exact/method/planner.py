@@ -33,8 +33,6 @@ Start = TypeVar("Start")
 DEMANDS_KNOWN = ("least_times", "given_times", "closed")
 # A duration that exceeds the sum of the given times by less, relative, counts as equal.
 _GIVEN_RTOL = 1e-10
-# The second method is tried on a problem, and on that in which most neighbours are merged.
-CHOICES = 2
 # A bound so near, relative, tells that the second method need not be tried.
 _NEAR_RTOL = 1e-4
 _SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
