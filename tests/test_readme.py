@@ -28,7 +28,10 @@ def test_the_commands_that_ci_runs_are_there() -> None:
 
 
 def test_the_pictures_exist() -> None:
-    for picture in re.findall(r"!\[.*?\]\((.*?)\)", README):
+    pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
+    pictures += re.findall(r'src(?:set)?="(.*?)"', README)
+    assert "docs/_static/four-motions-dark.png" in pictures
+    for picture in pictures:
         assert (ROOT / picture).is_file(), picture
 
 

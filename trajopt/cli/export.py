@@ -34,6 +34,7 @@ def export(
     common: bool = False,
     against: str | None = None,
     each_problem: bool = False,
+    dark: bool = False,
 ) -> int:
     """Write the trials of a folder for other tools.
 
@@ -45,12 +46,15 @@ def export(
         planner: Write this planner and the references alone, repeated.
         common: Write only the problems that all planners answer.
         each_problem: With svg and pdf: of several problems the figures of each one too.
+        dark: With svg: light lines on a transparent ground, for dark pages.
         against: With latex: planner that all others are tested against in planners.tex.
     """
     wrong, other = (out, "--out") if to in _FOLDERS else (output, "--output")
     if wrong is not None:
         right = "--output with a folder" if to in _FOLDERS else "--out with a file"
         raise InvalidInput(other, f"{right}, since --to is {to}", value=str(wrong))
+    if dark and to != "svg":
+        raise InvalidInput("--dark", "--to svg: paper is white", value=to)
     with kinds.reading(folder, "results"):
         results = Results(folder).only(planner or [], common=common)
     if to in _FOLDERS and not results.items:
@@ -64,7 +68,7 @@ def export(
     elif to == "latex":
         latex.write(results, path, rival)
     else:
-        draw.write(results, path, to, each_problem=each_problem)
+        draw.write(results, path, to, each_problem=each_problem, for_dark_pages=dark)
     trials = len(results.items)
     console.line(f"exported: {path} ({trials} trials)")
     several = results.trials()["digest"].nunique() > 1

@@ -104,7 +104,12 @@ def of_suite(results: Tables) -> Iterator[Picture]:
 
 
 def write(
-    results: Tables, folder: Path, kind: Literal["svg", "pdf"], *, each_problem: bool = True
+    results: Tables,
+    folder: Path,
+    kind: Literal["svg", "pdf"],
+    *,
+    each_problem: bool = True,
+    for_dark_pages: bool = False,
 ) -> None:
     """Write the figures of `draw`, and the motion of every planner, as SVG or PDF.
 
@@ -115,22 +120,27 @@ def write(
         folder: Where the figures go.
         kind: Of the files.
         each_problem: Of several problems, whether each one's own figures are written too.
+        for_dark_pages: Whether black is light, on a transparent ground.
 
     Raises:
         StoreError: where the disk refuses.
     """
     from trajopt.views.figures import plots
+    from trajopt.views.figures.dark import dark
+
+    def made(picture: Callable[[], Figure]) -> Figure:
+        return dark(picture()) if for_dark_pages else picture()
 
     trials = results.items
     try:
         if len(by_problem(trials)) > 1:
             for stem, picture in of_suite(results):
-                plots.write(picture(), folder / f"{stem}.{kind}")
+                plots.write(made(picture), folder / f"{stem}.{kind}")
             if not each_problem:
                 return
         for own, name in _problems(trials):
             for stem, picture in _pictures(own, _order(trials), every_motion=True):
-                plots.write(picture(), folder / name / f"{stem}.{kind}")
+                plots.write(made(picture), folder / name / f"{stem}.{kind}")
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror}") from error
 
