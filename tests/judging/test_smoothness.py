@@ -141,3 +141,16 @@ def test_one_jump_of_position_or_velocity_makes_both_integrals_infinite(pieces):
     found = smoothness(PROBLEM, motion)
     assert found.jerk_integral == found.acceleration_integral == np.inf
     assert found.jump is not None
+
+
+def test_a_jump_is_measured_by_the_limit_of_its_own_derivative():
+    """Two joints at constant speed: the first is at half of its velocity limit, the other far below.
+
+    Of the acceleration limits the second is by far the tighter one.
+    """
+    speeds = np.array([0.5, 0.6])
+    coefficients = np.stack([speeds, [0.0, 0.0]])[:, None, :]
+    motion = Trajectory([0.0, 1.0], coefficients, [0.0, 1.0])
+    limits = Limits(velocity=[1.0, 100.0], acceleration=[100.0, 1.0])
+    found = smoothness(Problem([[0.0, 0.0], speeds], limits), motion)
+    assert (found.jump.order, found.jump.joint, found.jump.value) == (1, 0, 0.5)
