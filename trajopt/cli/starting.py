@@ -114,7 +114,7 @@ def print_braking(found: Braking) -> None:
         for joint, (t, way) in found.ways.items()
     ]
     console.paragraph(
-        f"It begins beyond limits, and brakes into them in {found.motion.duration:.6g} s at least "
+        f"It begins beyond limits, and brakes into them in {found.motion.duration:.6g} s "
         f"({', '.join(said)}): until then wider limits of velocity and acceleration hold."
     )
 
