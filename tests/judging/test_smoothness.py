@@ -144,7 +144,7 @@ def test_one_jump_of_position_or_velocity_makes_both_integrals_infinite(pieces):
 
 
 def test_a_jump_is_measured_by_the_limit_of_its_own_derivative():
-    """Two joints at constant speed: the first is at half of its velocity limit, the other far below.
+    """Two joints at constant speed: the first at half of its velocity limit, the other far below.
 
     Of the acceleration limits the second is by far the tighter one.
     """

@@ -110,8 +110,10 @@ def plan(
         print_trial(trial, problem)
         if braking:
             starting.print_braking(braking)
+        about = "After the braking: " if braking else ""
         for sentence in sentences(found) if found else _of_one_planner(trial):
-            console.paragraph(sentence)
+            console.paragraph(f"{about}{sentence}")
+            about = ""
     broken = _unmended(trial)
     code = 0 if (out_anyway if broken else trial.is_answered) else 1
     written = _without(trial, broken)
