@@ -1,6 +1,6 @@
 """Make the parts of the suite `mixes`: optimal motions, cut in their own state.
 
-    python -m experiments.mixes        # half a minute
+    python -m experiments.mixes        # some minutes
 
 A drawn problem of the suite keeps its tolerances, least times, limits and the states at its ends.
 Its motion by `exact` or `exact-jerk` is cut at a cycle of a controller. The part after the cut is a
