@@ -16,6 +16,7 @@ from trajopt.views.figures.style import BLACK, GREY, plain, power_of_ten, text
 _WIDTH_IN = 3.5
 _PANEL_IN = 2.5
 _LEGEND_LINE_IN = 0.15
+_NEARER = 0.65  # where on an arrow its text stands: nearer to the motion, off the curve
 _TICKS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)  # durations that get a label, s, times powers of ten
 
 
@@ -23,7 +24,9 @@ _TICKS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)  # durations that get a label, s, 
 def curve(front: Front, beside: Sequence[Beside] = ()) -> Figure:
     """Draw the least integral of each duration, the proved bound below it, and motions as points.
 
-    A motion that jumps has an infinite integral; its marker is on the upper edge.
+    A motion that jumps has an infinite integral; its marker is on the upper edge. Of the motion
+    farthest above the least of its duration two arrows show how far, and the shortest duration with
+    its integral.
     """
     lines = (len(beside) + 3) / 2 + 1
     size = (_WIDTH_IN, _PANEL_IN + _LEGEND_LINE_IN * lines)
@@ -40,6 +43,7 @@ def curve(front: Front, beside: Sequence[Beside] = ()) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     _motions(axes, beside)
+    _two_savings(axes, beside)
     _ticks(axes)
     axes.set_xlabel("duration (s)")
     axes.set_ylabel(f"∫ {front.measure}² ({front.unit})")
@@ -74,6 +78,34 @@ def _motions(axes: Axes, beside: Sequence[Beside]) -> None:
     if jumps:
         axes.axhline(edge, color=GREY, lw=0.6, ls=":", zorder=1)
         axes.annotate("∞", (1.01, edge), xycoords=("axes fraction", "data"), va="center")
+
+
+def _two_savings(axes: Axes, beside: Sequence[Beside]) -> None:
+    """Draw what one motion could save: in smoothness at its duration, in time at its smoothness."""
+    measured = [own for own in beside if own.shortest and own.times_the_least]
+    if not measured:
+        return
+    own = max(measured, key=lambda other: other.times_the_least or 0.0)
+    times, shortest = own.times_the_least or 1.0, own.shortest or own.duration
+    ends = {(own.duration, own.value / times): f"{times:.3g} times the least"}
+    ends[shortest, own.value] = f"as smooth in {shortest:.3g} s"
+    arrow = {"arrowstyle": "->", "color": GREY, "lw": 0.8, "shrinkA": 4, "shrinkB": 1}
+    for end, said in ends.items():
+        start = (own.duration, own.value)
+        axes.annotate("", end, start, arrowprops=arrow, zorder=2)
+        upright = end[0] == own.duration
+        axes.annotate(
+            said,
+            (
+                start[0] ** _NEARER * end[0] ** (1 - _NEARER),
+                start[1] ** _NEARER * end[1] ** (1 - _NEARER),
+            ),
+            (-4, 0) if upright else (0, 4),
+            textcoords="offset points",
+            ha="right" if upright else "center",
+            va="center" if upright else "bottom",
+            fontsize=7,
+        )
 
 
 def _ticks(axes: Axes) -> None:

@@ -148,7 +148,7 @@ const fill = async (details) => {
   if (own.toml) { const line = make("p"); line.append(download(own.file, own.toml)); panel.append(line); }
   const pair = make("div", "", { class: "grid" });
   panel.append(pair);
-  const runs = figure(pair, "Certified durations.", "A mark per run, open where it had to be slowed down; dashed red: the reference. Click a mark for its trial.");
+  const runs = figure(pair, "Certified durations.", "A mark per run, open where it had to be slowed down; dashed: the reference. Click a mark for its trial.");
   const searched = found.convergence.length
     ? figure(pair, "Convergence.", "Best certified duration by so many evaluations: median and quartiles over seeds; dashed: the best 3-5-3.") : null;
   drawDurations(runs, p);  // both are there first: a chart is as wide as its column
@@ -164,7 +164,7 @@ const fill = async (details) => {
   const joints = select(panel, "Joint", found.names.map((name, j) => [name.replace(/^joint /, ""), j]));
   panel.append(Object.assign($("legend").cloneNode(true), { id: "" }));
   settle(panel.querySelector(".legend"));
-  const motions = figure(panel, "Median runs.", "Certified trajectories of each planner’s median run; dashed red: limits; marks and dotted lines, with their numbers: waypoints. Click a curve for its trial.");
+  const motions = figure(panel, "Median runs.", "Certified trajectories of each planner’s median run; dashed: limits; marks and dotted lines, with their numbers: waypoints. Click a curve for its trial.");
   const redraw = () => drawMotions(motions, found, Number(joints.value));
   const travel = (j) => found.waypoints.slice(1).reduce((sum, w, n) => sum + Math.abs(w[j] - found.waypoints[n][j]), 0) / found.limits.velocity[j][1];
   joints.value = [...Array(found.joints).keys()].sort((a, b) => travel(b) - travel(a))[0];

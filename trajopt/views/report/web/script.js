@@ -128,7 +128,7 @@
     title: { text: title, standoff: 8 }, showline: true, linecolor: tone("ink"), tickcolor: tone("ink"), ticks: "outside",
     ticklen: 4, gridcolor: tone("grid"), zeroline: false, automargin: true, ...more,
   });
-  const reference = (more) => ({ type: "line", line: { color: tone("alarm"), width: 1, dash: "4px,2px" }, ...more });
+  const reference = (more) => ({ type: "line", line: { color: tone("soft"), width: 1, dash: "4px,2px" }, ...more });
   const look = (k, more = {}) => ({
     mode: "lines+markers", name: plain(planners[k].label),
     marker: { symbol: planners[k].symbol, size: 7, maxdisplayed: 6 }, meta: k, visible: !hidden.has(k),
