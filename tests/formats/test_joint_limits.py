@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -169,3 +171,15 @@ def test_columns_without_names_need_an_order(tmp_path):
         read.names_of(2)
     with pytest.raises(InvalidInput, match="2 columns"):
         read.names_of(3)
+
+
+@pytest.mark.parametrize(("unit", "said"), [("", True), ("!degrees ", False)])
+def test_ranges_in_degrees_are_said(tmp_path, unit, said):
+    joint = f"{{min_position: {unit}-170, max_position: {unit}170, max_velocity: {unit}85}}"
+    path = written(tmp_path, f"joint_limits:\n  A1: {joint}\n")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        joint_limits.read(path)
+    notes = [str(own.message) for own in caught]
+    assert len(notes) == said
+    assert all("beyond 25 rad" in note and "`!degrees 170`: A1" in note for note in notes)

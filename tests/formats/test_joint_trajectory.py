@@ -169,3 +169,45 @@ def test_a_file_that_is_not_there_and_an_ending_that_is_unknown(tmp_path):
     samples = joint_trajectory.from_message(message())
     with pytest.raises(InvalidInput, match=r"ending in \.json, \.yaml or \.yml"):
         joint_trajectory.write(tmp_path / "m.txt", samples)
+
+
+def of_play_motion(**changes):
+    """A motion as `play_motion` keeps it, and as `play_motion2` does."""
+    points = message()["points"]
+    meta = {"name": "Wave", "usage": "demo", "description": "wave"}
+    table = {"joints": message()["joint_names"], "meta": meta}
+    first = table | {"points": [own | {"velocities": []} for own in points]}
+    positions = [item for own in points for item in own["positions"]]
+    second = table | {"positions": positions, "times_from_start": [0.0, 1.5]}
+    return first | changes, second | changes
+
+
+@pytest.mark.parametrize("version", [0, 1])
+def test_a_motion_of_play_motion(tmp_path, version):
+    own = of_play_motion()[version]
+    for whole in (own, {"play_motion2": {"ros__parameters": {"motions": {"wave": own}}}}):
+        path = tmp_path / "motions.yaml"
+        path.write_text(json.dumps(whole))
+        samples = joint_trajectory.read(path)
+        assert samples.joint_names == ("shoulder", "elbow")
+        assert samples.times.tolist() == [0, 1.5]
+        assert samples.positions.tolist() == [[0, 0], [0.1, -0.25]]
+        assert samples.velocities is None
+
+
+def test_a_file_of_motions_names_each_and_each_alone_is_read():
+    for own in of_play_motion():
+        both = {"wave": own, "nod": own}
+        with pytest.raises(InvalidInput, match=r"wave, motions\.nod.*a file of its own"):
+            joint_trajectory.from_message({"motions": both})
+        assert joint_trajectory.from_message(both["nod"]).times.tolist() == [0, 1.5]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"positions": [0, 0, 1]}, {"positions": 0}, {"times_from_start": 1.5}, {"positions": None}],
+)
+def test_positions_that_do_not_fit_the_times(changes):
+    _, own = of_play_motion(**changes)
+    with pytest.raises(InvalidInput, match=r"wave\.positions.*2 numbers.*each of times_from_start"):
+        joint_trajectory.from_message({"wave": own})

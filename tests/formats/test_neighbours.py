@@ -38,7 +38,7 @@ POINTS = [
     for time in (0, 1)
 ]
 POINTS[1]["positions"] = [1.0]
-MESSAGE = {"header": {}, "joint_names": ["j"], "points": POINTS}
+MESSAGE = {"header": {}, "joint_names": ["j"], "points": POINTS, "meta": {"name": "nod"}}
 STATES = [
     {"header": {"stamp": {"sec": sec, "nanosec": 0}}, "name": ["j"], "position": [sec]}
     | {"velocity": [0.0], "effort": [0.0]}

@@ -90,6 +90,7 @@ _READ = {f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "posi
 _SOFT = ("k_position", "soft_lower_limit", "soft_upper_limit")
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
+_WIDE = 8 * np.pi  # rad: four turns to either side
 
 
 def read(path: str | Path) -> RobotLimits:
@@ -110,6 +111,8 @@ def read(path: str | Path) -> RobotLimits:
         if sentence:
             warnings.warn(FileNote(f"{path}: {key} is left out: {sentence}"), stacklevel=2)
     keys.note_unread(str(path), _unread(table, inner))
+    wide = f"ranges beyond {_WIDE:.0f} rad; an angle in degrees is written `!degrees 170`: "
+    keys.note(str(path), wide, _wide(limits))
     note_braking(str(path), _braking_otherwise(inner))
     return limits
 
@@ -132,6 +135,14 @@ def _unread(table: Any, inner: Mapping[str, Any]) -> Iterator[str]:
                 levels.append((f"{where}{key}.", value))
             elif keys.bounds_rate(key) and key not in _SCALINGS and not isinstance(value, bool):
                 yield f"{where}{key}"
+
+
+def _wide(limits: RobotLimits) -> Iterator[str]:
+    """The joints that could turn four times and more, as a robot's in degrees could."""
+    for name, own in limits.joints.items():
+        ends = np.abs(own.get("position", _UNLIMITED))
+        if (ends[np.isfinite(ends)] > _WIDE).any():
+            yield name
 
 
 def _braking_otherwise(table: Mapping[str, Any]) -> Iterator[str]:

@@ -9,7 +9,8 @@
 
 It may be anywhere inside another message: a `RobotTrajectory` of MoveIt, its answer to a request, a
 goal of `FollowJointTrajectory`, a message of rosbridge. Of several in one message a reader has to
-be told which one is meant (`found`).
+be told which one is meant (`found`). A motion of `play_motion` is one too: it calls the names
+`joints`, and `play_motion2` has the positions of all points in one list, with `times_from_start`.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ MESSAGE = {
     "header": Key(keys.table, "when it begins"),
     "joint_names": Key(keys.a_list, "one per joint"),
     "points": Key(keys.a_list, "the samples"),
+    "meta": Key(keys.anything, "what `play_motion` shows of a motion"),
 }
 """The keys of a message."""
 POINT = {
@@ -47,6 +49,7 @@ POINT = {
 _DURATIONS = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2 and ROS 1
 _NANOSECONDS = 10**9  # in a second
 _DURATION_MAX = (2**31 - 1, _NANOSECONDS - 1)  # seconds, nanoseconds
+_OWN = {"points", "joint_names", "times_from_start"}  # a table with one of these is a trajectory
 _CUT_SHORT = "..."  # printed by `ros2 topic echo` in place of a long array's rest
 
 
@@ -175,16 +178,17 @@ def found(message: Any) -> dict[str, Mapping[str, Any]]:
     """Return every JointTrajectory inside a message, by its place there.
 
     Those without points are returned only if there are no others. A trajectory of poses
-    (`MultiDOFJointTrajectory`) is none.
+    (`MultiDOFJointTrajectory`) is none. Motions of `play_motion` are returned as messages.
 
     Raises:
-        InvalidInput: There is none.
+        InvalidInput: There is none, or a motion's positions do not fit its times.
     """
     tables: dict[str, Mapping[str, Any]] = {}
     level = [("", message)]
     while level:
         place, value = level.pop(0)
-        if isinstance(value, Mapping) and ("points" in value or "joint_names" in value):
+        if isinstance(value, Mapping) and _OWN & value.keys():
+            value = _of_play_motion(place, value)
             points = value.get("points") or []
             of_poses = is_list(points) and any(
                 isinstance(point, Mapping) and "transforms" in point for point in points
@@ -200,6 +204,24 @@ def found(message: Any) -> dict[str, Mapping[str, Any]]:
     if not tables:
         raise InvalidInput(_WHAT, _RIGHT)
     return with_points or dict(list(tables.items())[:1])
+
+
+def _of_play_motion(place: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A motion of `play_motion` or `play_motion2` as a message; a message as it is."""
+    if "joint_names" in table or not is_list(table.get("joints")):
+        return table
+    own = {"joint_names": table["joints"], **table}
+    del own["joints"]
+    times = own.pop("times_from_start", None)
+    if times is None:
+        return own
+    positions, joints = own.pop("positions", None), len(table["joints"])
+    if not is_list(times) or not is_list(positions) or len(positions) != joints * len(times):
+        key = f"{place}.positions" if place else "positions"
+        raise InvalidInput(key, f"{joints} numbers, one per joint, for each of times_from_start")
+    rows = [positions[row * joints : (row + 1) * joints] for row in range(len(times))]
+    points = zip(rows, times, strict=True)
+    return own | {"points": [{"positions": row, "time_from_start": time} for row, time in points]}
 
 
 def duration(key: str, stated: Any) -> float:
