@@ -311,6 +311,14 @@ def test_a_velocity_that_falls_with_the_position_is_told(share, decimals):
         assert told.uses <= 1
 
 
+def test_nine_times_an_acceleration_needs_three_times_the_time():
+    """A quintic over 1 rad in 1 s reaches 10/√3 rad/s²."""
+    limits = Limits([100.0], [10 / np.sqrt(3) / 9])
+    slower = evidence(log([quintic(1.0)[1]], 6), limits).slower
+    assert 0.97 * 3 <= slower.at_least <= 3 * (1 + 1e-9)
+    assert slower.at_least <= slower.factor <= 3 * 1.01
+
+
 @pytest.mark.parametrize("kinds", [2, 3])
 def test_a_broken_log_gets_the_shortest_lawful_motion_at_its_own_spacing(kinds):
     """A quintic over h rad in 1 s must take as long as the worst of three closed forms says."""
