@@ -93,11 +93,12 @@ class Page:
 
     @cached_property
     def columns(self) -> dict[str, str]:
-        """Headings of the table of problems and planners, by column."""
-        left_out = () if self.has_library else ("library_time",)
-        if not any(self.times_least):
-            left_out = (*left_out, "times_least")
-        return {name: title for name, title in lines.COLUMNS.items() if name not in left_out}
+        """Headings of the table of problems and planners; a column without an entry is left out."""
+        return {
+            name: title
+            for name, title in lines.COLUMNS.items()
+            if any(row["cells"][name].text != table_cells.MISSING for row in self.rows)
+        }
 
     @property
     def has_library(self) -> bool:
@@ -107,7 +108,7 @@ class Page:
     @property
     def library(self) -> str:
         """What the column of the library's time means; empty without one."""
-        return f" Library: {table_cells.LIBRARY}." if self.has_library else ""
+        return f" In lib: {table_cells.LIBRARY}." if self.has_library else ""
 
     @cached_property
     def times_least(self) -> list[dict[str, float]]:

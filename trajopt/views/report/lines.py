@@ -25,7 +25,7 @@ COLUMNS = {  # headings, with units, of the table of problems and planners
     "times_least": "× least",
     "evaluations": "evaluations",
     "solve_time": "time (s)",
-    "library_time": "library (s)",
+    "library_time": "in lib (s)",
 }
 _OF_A_PLANNER = ("problems", "not_applicable", "gap", "worst", "rank", "time", "library")
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
