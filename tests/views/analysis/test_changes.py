@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,16 @@ def test_one_report_of_two_folders(
     assert (tmp_path / "both.html").is_file()
     assert said(capsys, "report", "a")[0] == 0
     assert (tmp_path / "a" / "report.html").is_file()
+
+
+def test_the_memory_of_many_runs_grows_as_their_number() -> None:
+    """Two runs each with every other would be 16 times the rows of four times the runs."""
+    peaks = []
+    for count in (200, 800):
+        one = Results(run("mine", *np.linspace(2.0, 3.0, count)))
+        one.trials()
+        tracemalloc.start()
+        changes(one, one)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 5 * peaks[0]

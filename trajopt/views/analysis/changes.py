@@ -74,7 +74,9 @@ def _shared(old: Tables, new: Tables) -> Iterator[tuple[str, pd.DataFrame]]:
     """
     keys = ["label", "digest"]
     frames = {"old": competing(old.trials()), "new": competing(new.trials())}
-    common = frames["old"][keys].merge(frames["new"][keys]).drop_duplicates()
+    # each pair once before the merge, which would have a row for every two runs
+    named = [frame[keys].drop_duplicates() for frame in frames.values()]
+    common = named[0].merge(named[1])
     parts = [frame.merge(common).assign(side=side) for side, frame in frames.items()]
     for label, runs in pd.concat(parts).groupby("label"):
         yield str(label), runs.assign(label=runs["side"])
