@@ -334,6 +334,7 @@ class Tables:
 
         One row per planner, with its options, and target (a ratio minus 1): `ert`, `successes`,
         `runs`, pooled over the problems whose reference is a motion, on which it competes.
+        `only(common=True)` leaves the problems that all planners answer.
 
         Args:
             targets: Gaps.
