@@ -36,7 +36,7 @@ class Piece(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Joint:
+class OneSide:
     """A state of one joint and its limits, mirrored so that upper limits count. SI units.
 
     Attributes:
@@ -207,8 +207,8 @@ def _both_sides(
     (slow, fast), (brake, steep) = limits.velocity[j].tolist(), eased.acceleration[j].tolist()
     ease, rise = eased.jerk[j].tolist()
     v, a = float(velocity[j]), float(acceleration[j])
-    above = Joint(v, a, fast, steep, -brake, -ease, rise).brakes
-    below = Joint(-v, -a, -slow, -brake, steep, rise, -ease).brakes
+    above = OneSide(v, a, fast, steep, -brake, -ease, rise).brakes
+    below = OneSide(-v, -a, -slow, -brake, steep, rise, -ease).brakes
     mirrored = [Piece(t, -own, -jerk) for t, own, jerk in below]
     # beyond a velocity on one side and an acceleration on the other, the first takes both back
     return max(above, mirrored, key=lambda pieces: sum(piece.length for piece in pieces))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trajopt.core.braking import Joint, covered
+from trajopt.core.braking import OneSide, covered
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import KEPT_RTOL, of_states
 
@@ -22,7 +22,7 @@ _BRAKE_FIRST = "; `trajopt plan --brake-first` does that, and plans from there"
 
 
 @dataclass(frozen=True)
-class _Joint(Joint):
+class _Joint(OneSide):
     """One joint's state at an end, mirrored so that it moves upwards, SI units.
 
     Its upper limits are those of the first segment, the others the widest of all segments.
