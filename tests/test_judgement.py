@@ -115,7 +115,7 @@ def test_the_optimum_has_no_gap_and_half_its_time_needs_twice_the_time():
     assert table["gap"] == pytest.approx(0, abs=1e-6)
     keys = "motion problem interpolation via_tolerance status duration claimed_duration"
     keys += " certified_duration feasible dilation gap waypoint_times flaws"
-    keys += " smoothness certificate evidence optimum_within_tolerance ends standing jumps nearly"
+    keys += " smoothness certificate evidence optimum_within_tolerance ends standing jumps nearly ends_taken"
     assert set(table) == set(keys.split())
 
 
@@ -407,3 +407,20 @@ def test_a_trials_file_without_a_trajectory_is_no_motion(tmp_path):
     file.write_bytes(trial_text.write(failed))
     with pytest.raises(InvalidInput, match="a trial with a trajectory"):
         motion_of(file)
+
+
+@pytest.mark.parametrize(("begins", "little"), [(0.02, True), (0.3, False)])
+def test_a_motion_that_begins_almost_at_rest_is_compared_with_its_equals(begins, little):
+    problem = trajopt.Problem([[0.0], [1.0]], trajopt.Limits([2.0], [1.0]))
+    # At 1 rad/s² up to the peak and down to rest: (peak² − begins²) / 2 + peak² / 2 = 1 rad.
+    peak = np.sqrt(1 + begins**2 / 2)
+    up, down = peak - begins, peak
+    pieces = [[0.5, -0.5], [begins, peak], [0.0, begins * up + up**2 / 2]]
+    judged = trajopt.judge(problem, PPoly(np.array(pieces)[..., None], [0, up, up + down]))
+    assert not judged.certificate.valid
+    assert (judged.nearly is not None) == little
+    if little:
+        assert judged.best.ends_taken == pytest.approx(begins)
+        assert judged.best.via_tolerance == 0
+        assert judged.best.gap == pytest.approx(0, abs=1e-6)
+        assert "velocities at the ends" in judged.best.problem.name

@@ -151,7 +151,9 @@ class Judgement(Execution):
         trajectory: The motion with the times at which it passes each waypoint.
         via_tolerance: Tolerance of each joint, rad.
         tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
-        asked: The original problem if the tolerance was needed.
+        asked: The original problem if the tolerance was needed, or velocities at the ends.
+        ends_taken: Largest velocity at an end, beside the demanded one, that was taken as it is,
+            rad/s; 0 where none was.
         braking: The braking into the limits that was allowed first, if one was.
     """
 
@@ -160,6 +162,7 @@ class Judgement(Execution):
     tolerance_needed: bool = False
     asked: Problem | None = None
     braking: Braking | None = None
+    ends_taken: float = 0.0
 
     def __repr__(self) -> str:
         return f"Judgement({self.motion.name} on {self.problem.name}, {self.certificate})"
@@ -231,17 +234,20 @@ class Judgement(Execution):
     def nearly(self) -> Judgement | None:
         """The verdict through the points that the motion passes, if it misses waypoints by little.
 
-        Little is at most `LITTLE` of the shortest segment. None where a tolerance was given, or the
-        motion would be invalid with one too.
+        Where that does not help, also with the velocities that it has at its ends (MoveIt's
+        time-optimal timing begins with the velocity of its first millisecond). Little is at most
+        `LITTLE` of the shortest segment, and of the velocity limits. None where a tolerance was
+        given, or the motion would be invalid all the same.
         """
         if self.certificate.valid or self.via_tolerance:
             return None
         times = self.trajectory.waypoint_times
-        miss = float(np.abs(self.trajectory(times) - self.problem.waypoints).max())
-        needed = _rounded_up(miss)
-        if not 0 < needed <= LITTLE * _shortest(self.problem):
+        misses = np.abs(self.trajectory(times) - self.problem.waypoints)
+        needed = _rounded_up(float(np.where(misses > self.problem.rounding, misses, 0.0).max()))
+        if needed > LITTLE * _shortest(self.problem):
             return None
-        return _passed(self, needed)
+        passed = _passed(self, needed) if needed else None
+        return passed or _passed(self, needed, _ends_by_little(self))
 
     @property
     def best(self) -> Judgement:
@@ -254,6 +260,7 @@ class Judgement(Execution):
         table = super().as_dict() | {
             "problem": self.problem.name,
             "via_tolerance": self.via_tolerance,
+            "ends_taken": self.ends_taken,
             "status": str(self.status),
             "claimed_duration": self.claimed_duration,
             "gap": self.gap,
@@ -346,21 +353,53 @@ def judge(
     return _passed(strict, via_tolerance) or strict
 
 
-def _passed(strict: Judgement, via_tolerance: float) -> Judgement | None:
-    """Return the verdict through the points that the motion passes; None where it helps nothing."""
+def _passed(
+    strict: Judgement, via_tolerance: float, ends: Mapping[str, Array] = NOTHING
+) -> Judgement | None:
+    """Return the verdict through the points that the motion passes; None where it helps nothing.
+
+    Args:
+        strict: The verdict on the problem as it is.
+        via_tolerance: How far it may miss each waypoint, rad.
+        ends: Velocities at its ends that are taken as they are.
+    """
     told, route = strict.evidence, strict.problem.route
     at_rest = told is None or told.at_rest or not route.at_rest
-    moved = _as_passed(strict.problem, strict.trajectory, via_tolerance)
+    moved = strict.problem
+    if via_tolerance:
+        moved = _as_passed(moved, strict.trajectory, via_tolerance)
+    if ends:
+        name = f"{moved.name}, with the motion's velocities at the ends"
+        moved = replace(moved, demands={**moved.demands, **ends}, name=name)
     passed = replace(
         strict,
         problem=moved,
         certificate=verify(moved, strict.trajectory, at_rest=at_rest),
         via_tolerance=via_tolerance,
-        tolerance_needed=True,
+        tolerance_needed=via_tolerance > 0,
         asked=strict.problem,
+        ends_taken=max((_off(strict, key, own) for key, own in ends.items()), default=0.0),
     )
     helps = passed.certificate.valid or (passed.without_jerk and not strict.without_jerk)
     return passed if helps else None
+
+
+def _ends_by_little(strict: Judgement) -> dict[str, Array]:
+    """Return the velocities at the ends, if they are other ones than demanded by little."""
+    own = states(strict.trajectory, strict.problem.limits)
+    velocities = {key: value for key, value in own.items() if key.endswith("velocity")}
+    sizes = np.abs(strict.problem.limits.velocity).min(axis=1)
+    off = [value - _demanded(strict, key) for key, value in velocities.items()]
+    return velocities if (np.abs(off) <= LITTLE * sizes).all() else {}
+
+
+def _demanded(strict: Judgement, key: str) -> Array:
+    """Return a state that is demanded at an end; rest by default."""
+    return np.zeros(strict.problem.joints) + strict.problem.demands.get(key, 0.0)
+
+
+def _off(strict: Judgement, key: str, own: Array) -> float:
+    return float(np.abs(own - _demanded(strict, key)).max())
 
 
 def without_jerk(problem: Problem) -> Problem | None:

@@ -143,6 +143,9 @@ def _unlike(told: Judgement, found: Judgement) -> str:
         unit = found.problem.shared_unit()
         size = f"{told.via_tolerance:g}"
         parts.append(f"Within {size} {unit} of all waypoints (--via-tolerance {size})")
+    if told.ends_taken:
+        rate = f"{told.ends_taken:.2g} {found.problem.shared_unit()}/s"
+        parts.append(f"{'with' if parts else 'With'} the velocities at its ends (up to {rate})")
     if found.problem.has("jerk") and not told.problem.has("jerk"):
         parts.append("without the jerk limits" if parts else "Without the jerk limits")
     return " and ".join(parts)
@@ -151,10 +154,12 @@ def _unlike(told: Judgement, found: Judgement) -> str:
 def _durations(told: Judgement, *, second: bool) -> Iterator[str]:
     """Say how the duration compares with the optimum: of a second verdict, and without standing."""
     gap, certified, stands = told.gap, told.certified_duration, told.standing
-    if gap is None or certified is None or not (stands or (second and told.tolerance_needed)):
+    other = second and (told.tolerance_needed or told.ends_taken)
+    if gap is None or certified is None or not (stands or other):
         return
     if not stands:
-        yield f"That takes {1 + gap:.4g} times the optimum through these points."
+        same = "through these points" if told.tolerance_needed else "with the same ends"
+        yield f"That takes {1 + gap:.4g} times the optimum {same}."
         return
     moving = (1 + gap) * (1 - (stands.start + stands.end) / stands.duration)
     yield (
