@@ -195,7 +195,9 @@ class Judgement(Execution):
             return None
         known = records.answer(self.problem)
         slower = self.certificate.motion
-        return decomposition.explain(self.problem, None, slower or self.trajectory, known)
+        own = slower or self.trajectory
+        timed = not self.ends_taken
+        return decomposition.explain(self.problem, None, own, known, timed=timed)
 
     @cached_property
     def optimum_within(self) -> float | None:

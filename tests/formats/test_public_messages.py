@@ -62,7 +62,7 @@ def test_a_published_message_gets_a_gap(tmp_path, own):
     assert (first > 0) == (own not in AT_REST)
 
 
-@pytest.mark.parametrize("own", AT_REST, ids=[own["name"] for own in AT_REST])
+@pytest.mark.parametrize("own", PUBLISHED, ids=[own["name"] for own in PUBLISHED])
 def test_resampled_it_takes_the_second_verdict_within_its_miss(tmp_path, own):
     asked = through_its_points(own)
     given = sent(own, tmp_path).trajectory
@@ -72,8 +72,7 @@ def test_resampled_it_takes_the_second_verdict_within_its_miss(tmp_path, own):
     best = found.best
     assert best.gap is not None
     assert not best.below_optimum
-    assert best.ends_taken == 0
     missed = np.abs(found.trajectory(found.trajectory.waypoint_times) - asked.waypoints).max()
-    assert (best.via_tolerance > 0) == (not found.certificate.valid)
-    assert missed <= best.via_tolerance or found.certificate.valid
+    assert missed <= max(best.via_tolerance, 1e-9)  # rad, far below what a controller resolves
+    assert (best is found) == found.certificate.valid
     assert best.via_tolerance < 1e-3

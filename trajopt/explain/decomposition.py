@@ -124,6 +124,8 @@ def explain(
     planner: Planner | None,
     trajectory: Trajectory,
     recorded: ReferenceAnswer | None = None,
+    *,
+    timed: bool = True,
 ) -> Explanation:
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
@@ -133,6 +135,8 @@ def explain(
         trajectory: The planner's motion.
         recorded: The best known motion, as a reference's answer; its reason states its origin. It
             replaces the optimum if it is shorter than the references' answers.
+        timed: Whether its path is timed anew. Between moving ends that may take minutes for the
+            path of a sampled motion.
 
     Raises:
         TrajoptError: `trajectory` has no certified duration.
@@ -147,7 +151,7 @@ def explain(
     if recorded is not None and (recorded.duration or np.inf) < computed * (1 - _RECORDED_RTOL):
         optimum = recorded
         origin = recorded.reason
-    gaps, notes = _gaps(problem, own, optimum)
+    gaps, notes = _gaps(problem, own, optimum, timed=timed)
     solver, savings_are_of = _solver(planner, problem, own)
     active = active_limits(problem, own, solver)
     if scattered(active, own.duration, dilatable=problem.route.dilatable):
@@ -178,11 +182,13 @@ def _solver(
 
 
 def _gaps(
-    problem: Problem, trajectory: Trajectory, optimum: ReferenceAnswer
+    problem: Problem, trajectory: Trajectory, optimum: ReferenceAnswer, *, timed: bool
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Return every gap by name; None, with a note, where it does not apply."""
     own = ReferenceAnswer(trajectory)
-    retimed = _retimed(problem, trajectory)
+    retimed = ReferenceAnswer(None, "its path is not timed anew")
+    if timed:
+        retimed = _retimed(problem, trajectory)
     best = _best_spline(problem, trajectory)
     smooth = _as_smooth(problem, best)
     pairs = {
