@@ -9,6 +9,7 @@ from trajopt.cli import console
 from trajopt.core.exceptions import MissingBackend
 from trajopt.views import report, table_cells
 from trajopt.views.analysis.failures import failures, in_words
+from trajopt.views.analysis.shortfalls import sentences
 from trajopt.views.results import Results
 
 _MEANING = """\
@@ -46,6 +47,8 @@ def show(results: Results, folder: Path) -> Path | None:
     except MissingBackend as error:
         page = None
         console.note(f"no report: {error}")
+    for sentence in sentences(results):
+        console.paragraph(sentence)
     planners = results.planners()
     paired = planners["there"].nunique() > 1
     wraps = bool(planners["library"].notna().any())

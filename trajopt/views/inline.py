@@ -1,4 +1,4 @@
-"""Results as a console and a notebook show them: three lines of text, and a table in HTML."""
+"""Results as a console and a notebook show them: a few lines of text, and a table in HTML."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from trajopt.views import table_cells
+from trajopt.views.analysis.shortfalls import sentences
 
 if TYPE_CHECKING:
     from trajopt.views.analysis.results import Tables
@@ -28,14 +29,18 @@ _COLUMNS = {  # columns of the table, by their names in `Results.planners()`
 
 
 def text(results: Tables) -> str:
-    """Return three lines: the numbers of trials, the smallest median gaps, and the next calls."""
+    """Return the numbers of trials, what fell short, the smallest median gaps, the next calls.
+
+    A line each; the second only where something did (`shortfalls`).
+    """
     if not results.items:
         return NOTHING
     found = results.common()
     best = [f"{label} {_percent(gap)}" for label, gap in found.gaps.head(MAX_PLANNERS).items()]
     on = f" on the {len(found.problems)} problems that all answer" if found.every > 1 else ""
     few = f" (not compared: {', '.join(found.left_out)})" if found.left_out else ""
-    return "\n".join([_counts(results), f"Median gap{on}: {', '.join(best)}{few}", _USES])
+    gaps = f"Median gap{on}: {', '.join(best)}{few}"
+    return "\n".join([*_first(results), gaps, _USES])
 
 
 def html(results: Tables) -> str:
@@ -54,7 +59,13 @@ def html(results: Tables) -> str:
     summary = results.summary()
     if summary["digest"].nunique() == 1:
         table["duration (s)"] = summary.set_index("label")["median"].map(table_cells.number)
-    return f"<p>{escape(_counts(results))}</p>\n{table.to_html(border=0)}"
+    said = "".join(f"<p>{escape(line)}</p>\n" for line in _first(results))
+    return f"{said}{table.to_html(border=0)}"
+
+
+def _first(results: Tables) -> list[str]:
+    """Return the counts, and a line of what fell short if anything did."""
+    return list(filter(None, [_counts(results), " ".join(sentences(results))]))
 
 
 def _counts(results: Tables) -> str:

@@ -28,9 +28,10 @@ def results() -> Results:
     return Results(marked)
 
 
-def test_the_text_is_three_lines(results: Results) -> None:
-    counts, gaps, uses = repr(results).splitlines()
+def test_the_text_is_a_few_lines(results: Results) -> None:
+    counts, short, gaps, uses = repr(results).splitlines()
     assert counts == "Results of 7 trials: 3 planners on 2 problems, 6 solved"
+    assert short == "Not run on all problems: a<b (1 of 2). Failed: a<b (1 of 1 runs)."
     assert gaps == "Median gap on the 2 problems that all answer: mine +35.0 % (not compared: a<b)"
     for name in re.findall(r"(\w+)\(\)", uses):
         assert callable(getattr(results, name))
@@ -48,6 +49,7 @@ def test_earlier_versions_that_are_left_out_are_counted(results: Results) -> Non
 
 def test_the_table_of_a_notebook_has_a_row_per_planner(results: Results) -> None:
     html = results._repr_html_()
+    assert "<p>Not run on all problems: a&lt;b (1 of 2). Failed: a&lt;b" in html
     rows = re.findall(r"<tr>\s*<th>(.*?)</th>(.*?)</tr>", html, re.S)
     cells = {label: re.findall(r"<td>(.*?)</td>", rest) for label, rest in rows}
     assert list(cells) == ["exact", "mine", "a&lt;b"]

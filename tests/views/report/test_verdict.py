@@ -133,6 +133,27 @@ def test_who_is_slowed_down_is_named():
     assert "On the 3 problems that it answers" in said
 
 
+@pytest.mark.parametrize("name", ["exact", "exact-jerk", "collocation-refined", "prove", "mine"])
+def test_whoever_falls_short_is_named(name):
+    """Of four cubics: one misses, one is slowed down by √6 = 2.4495, one answers, one never ran.
+
+    A planner that this package takes for its reference is named as any other.
+    """
+    short = ran({name: Slow(1.0, (9.0,))}, STEPS[1:])  # 24 rad/s² on 4 rad, none on 9 rad
+    short += ran({name: Slow(9.0)}, STEPS[:1])
+    far = Problem([[0.0], [16.0]], Limits([10.0], [4.0]), "16 rad")
+    results = Results([*short, *ran({"near": Slow(36.0)}, [*STEPS, far])])
+    caveats = (
+        f"Not run on all problems: {name} (3 of 4). Failed: {name} (1 of 3 runs). "
+        f"Slowed down to keep the limits: {name} (1 of 3 runs, × {6**0.5:.4g})."
+    )
+    assert verdict.of_suite(results).startswith(caveats)
+    assert caveats in repr(results)
+    [problem] = {own.problem for own in results.items if own.problem.name == "9 rad"}
+    one = Results([own for own in results.items if own.problem == problem])
+    assert verdict.of_problem(one).startswith(f"Failed: {name} (1 of 1 runs).")
+
+
 def test_a_planner_of_few_problems_is_named_and_not_compared():
     trials = ran(REFERENCE | {"near": Slow(4.5)})
     trials += as_runs(trials_of(Slow(3.0), STEPS[0], [0], "seldom"), "seldom")

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from io import StringIO
 from math import isfinite, isnan
 from typing import Any
 
-import pandas as pd
-
 from trajopt.benchmark.best_known.records import CLOSED_WITHIN
 from trajopt.benchmark.trial import Trial
-from trajopt.core.solution import Status
 from trajopt.explain.references import PROVERS, REFERENCES
 from trajopt.views import table_cells
-from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.results import Line, Tables
+from trajopt.views.analysis.shortfalls import listed, sentences, users
 from trajopt.views.figures import draw
 from trajopt.views.figures.draw import LOOKED_FOR
 from trajopt.views.figures.style import SPOKEN
 
 NAMED = 4  # planners that a sentence compares at most, besides a user's own
-LISTED = 6  # planners that a sentence lists at most
-DISTRIBUTION = "mintime"  # that this package's planners come with
 
 
 def of_problem(results: Tables) -> str:
@@ -45,7 +40,7 @@ def _above_optimum(results: Tables) -> str:
         optimum = f"the proved {known}"
     if not answered:
         return f"No other planner has an answer; the optimum is {optimum.removeprefix('the ')}."
-    named = _named([line.label for line in answered], _own(results))
+    named = _named([line.label for line in answered], users(results))
     said = [_above(line) for line in answered if line.label in named]
     return f"{', '.join(said)} above {optimum}{_more(len(answered) - len(said))}."
 
@@ -62,7 +57,7 @@ def _compared(results: Tables) -> Iterator[str]:
         yield "No optimum is known for these problems, so gaps are unknown."
         return
     labels = [str(label) for label in found.gaps.index]
-    named = _named(labels, _own(results))
+    named = _named(labels, users(results))
     said = [
         f"{_spoken(own)} {table_cells.percent(found.gaps[own])}" for own in labels if own in named
     ]
@@ -73,47 +68,14 @@ def _compared(results: Tables) -> Iterator[str]:
     yield f"{on} that {who}, the median gap to the optimum is: {', '.join(said)}{more}."
     few = [f"{_spoken(own)} ({found.answered[own]} of {found.every})" for own in found.left_out]
     if few:
-        yield f"Not compared, with too few answers: {_listed(few)}."
+        yield f"Not compared, with too few answers: {listed(few)}."
 
 
 def _caveats(results: Tables) -> Iterator[str]:
     """Yield what comes first: what a stopped run misses, who failed, and who is slowed down."""
     if results.stopped:
         yield str(results.stopped)
-    trials = results.trials()
-    trials = trials[trials["label"].map(_competes)]
-    own = _own(results)
-    every = results.trials()["digest"].nunique()
-    ran = trials.groupby("label")["digest"].nunique()
-    partly = {label: f"{count} of {every}" for label, count in ran.items() if count < every}
-    yield from _sentence("Not run on all problems", partly, own)
-    tried = competing(trials)
-    solved = tried["status"] == str(Status.SOLVED)
-    slow = solved & ~tried["feasible"] & (tried["dilation"] >= 1 + table_cells.ROUNDING)
-    yield from _sentence("Failed", _counts(tried, ~solved), own)
-    slower = tried[slow].groupby("label")["dilation"].median()
-    counts = _counts(tried, slow)
-    by = {label: f"{said}, × {slower[label]:.4g}" for label, said in counts.items()}
-    yield from _sentence("Slowed down to keep the limits", by, own)
-
-
-def _counts(trials: pd.DataFrame, are: pd.Series[bool]) -> dict[Hashable, str]:
-    """Say how many of each planner's runs are so; nothing of those that have none."""
-    every = trials.groupby("label").size()
-    some = trials[are].groupby("label").size()
-    return {label: f"{count} of {every[label]} runs" for label, count in some.items()}
-
-
-def _sentence(what: str, said: Mapping[Hashable, str], own: Collection[str]) -> Iterator[str]:
-    """Yield a sentence that names planners, a user's own ones first; none without any."""
-    labels = sorted(map(str, said), key=lambda label: (label not in own, label))
-    if labels:
-        yield f"{what}: {_listed([f'{_spoken(label)} ({said[label]})' for label in labels])}."
-
-
-def _listed(said: Sequence[str]) -> str:
-    shown = [*said[:LISTED], *([f"{len(said) - LISTED} more"] if len(said) > LISTED else [])]
-    return ", ".join(shown)
+    yield from sentences(results, _spoken)
 
 
 def _named(labels: Sequence[str], own: Collection[str]) -> set[str]:
@@ -129,12 +91,6 @@ def _named(labels: Sequence[str], own: Collection[str]) -> set[str]:
 
 def _more(count: int) -> str:
     return f", and {count} more below" if count > 0 else ""
-
-
-def _own(results: Tables) -> set[str]:
-    """Return the planners that do not come with this package."""
-    made = {own.label: own.provenance.get("planner_distribution", "") for own in results.items}
-    return {label for label, distribution in made.items() if distribution != DISTRIBUTION}
 
 
 def _competes(label: str) -> bool:
