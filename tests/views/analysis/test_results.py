@@ -232,6 +232,7 @@ def test_expected_running_times_count_what_every_run_spent():
     assert table["ert"].tolist() == [(20 + 50 + 40) / 2, 100 + 50 + 70, np.inf]
     assert table["successes"].tolist() == [2, 1, 0]
     assert table["runs"].tolist() == [3, 3, 3]  # nothing is known of the third problem
+    assert table["problems"].tolist() == [2, 2, 2]
 
 
 def test_a_run_without_an_answer_or_a_count_is_charged_too():
@@ -239,7 +240,7 @@ def test_a_run_without_an_answer_or_a_count_is_charged_too():
     lost = replace(lost, certificate=None, status=Status.INVALID)
     items = [*best_353(2.0), first, lost, none]
     row = Results(items).running_times(0.1, to="best 3-5-3").loc[("mine", 0.1)]
-    assert row.tolist() == [20 + 30 + 30, 1, 3]
+    assert row.tolist() == [20 + 30 + 30, 1, 3, 1]
 
 
 def test_what_beats_the_best_353_or_keeps_no_history_is_no_search_of_it():
@@ -262,6 +263,25 @@ def test_expected_running_times_to_the_optimum_are_of_any_planner():
     assert counted.loc["mine", "ert"].tolist() == [10, 50]
     unknown = Results(run("mine", 2.0))
     assert unknown.running_times().empty
+
+
+def test_running_times_say_on_how_many_problems_each_planner_ran():
+    """`once` ran on the easy one of two problems only: its time is not of the same problems."""
+    items = [
+        *run("exact", 2.0),
+        *run("exact", 4.0, problem=OTHER),
+        *searching("mine", [[[10, 2.1]]]),
+        *searching("mine", [[[10, 4.1]]], problem=OTHER),
+        *run("once", 2.1, 2.2),
+    ]
+    results = Results(items)
+    assert results.running_times(0.1)["problems"].to_dict() == {
+        ("exact", 0.1): 2,
+        ("mine", 0.1): 2,
+        ("once", 0.1): 1,
+    }
+    alike = results.only(common=True).running_times(0.1)
+    assert set(alike["problems"]) == {1}
 
 
 def test_paired_knows_who_is_better_on_each_problem():

@@ -14,6 +14,7 @@ Durations and times are in seconds, gaps are ratios minus 1.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -333,8 +334,9 @@ class Tables:
         """Expected cost until a planner is within `target` of the optimum, and how often it is.
 
         One row per planner, with its options, and target (a ratio minus 1): `ert`, `successes`,
-        `runs`, pooled over the problems whose reference is a motion, on which it competes.
-        `only(common=True)` leaves the problems that all planners answer.
+        `runs`, pooled over the `problems` whose reference is a motion, on which it competes. Where
+        these numbers differ, times are of other problems: `only(common=True)` leaves the problems
+        that all planners answer.
 
         Args:
             targets: Gaps.
@@ -344,8 +346,14 @@ class Tables:
         """
         if to == "best 3-5-3":
             problems = list(self.histories().values())
-            return searches.running_times(searches.over_best(problems), targets)
-        return searches.running_times(self.over_optimum(cost), targets)
+            table = searches.running_times(searches.over_best(problems), targets)
+            each = [own.runs for own in problems if np.isfinite(own.best)]
+        else:
+            table = searches.running_times(self.over_optimum(cost), targets)
+            trials = by_problem(self.items)
+            each = [type(self)(own).over_optimum(cost) for own in trials.values()]
+        counts = Counter(label for own in each for label in own)
+        return table.assign(problems=[counts[label] for label, _ in table.index])
 
     def over_optimum(self, cost: searches.Cost = "seconds") -> dict[str, list[NDArray[np.float64]]]:
         """Per planner, every run's history over the optimum: `searches.over_optimum`."""
