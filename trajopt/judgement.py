@@ -388,9 +388,10 @@ def _passed(
 
 def _ends_by_little(strict: Judgement) -> dict[str, Array]:
     """Return the velocities at the ends, if they are other ones than demanded by little."""
-    own = states(strict.trajectory, strict.problem.limits)
+    limits = strict.problem.limits.in_all_segments()
+    own = states(strict.trajectory, limits)
     velocities = {key: value for key, value in own.items() if key.endswith("velocity")}
-    sizes = np.abs(strict.problem.limits.velocity).min(axis=1)
+    sizes = np.abs(limits.velocity).min(axis=1)
     off = [value - _demanded(strict, key) for key, value in velocities.items()]
     return velocities if (np.abs(off) <= LITTLE * sizes).all() else {}
 

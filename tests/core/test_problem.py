@@ -61,7 +61,7 @@ REFUSED = [
         "colour",
         None,
         "1",
-        "one of the keys angle_unit, closed, dwell, end_acceleration",
+        "one of the keys angle_unit, closed, duration, dwell",
     ),
     ({"velocity": None}, "limits.velocity", None, None, "it is missing"),
     ({"acceleration": None}, "limits.acceleration", None, None, "it is missing"),

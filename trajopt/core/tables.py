@@ -24,8 +24,7 @@ def waypoint_table(rows: Any, least: int = 2) -> Array:
     if is_table(rows) and len(rows) >= least and np.isfinite(rows).all():
         return rows
     if not is_list(rows) or len(rows) < least:
-        count = "two rows" if least == 2 else "a row"
-        raise InvalidInput("waypoints", f"at least {count}, one per waypoint", value=rows)
+        raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
         key = f"waypoints, waypoint {number}"
         if not is_list(row) or len(row) == 0:
