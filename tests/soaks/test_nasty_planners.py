@@ -21,7 +21,7 @@ CHOSEN = {
     "counts 10**30 evaluations": "crashed",
     "ends its process with code 0": "crashed",
     "kills its judge": "crashed",
-    "stops its judge": "solved",
+    "stops its judge": "crashed",
     "leaves a daemon": "solved",
     "leaves a daemon and dies": "crashed",
     "takes a GiB in eight processes": "crashed",
