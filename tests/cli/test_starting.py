@@ -116,3 +116,20 @@ def test_a_slow_step_is_named(monkeypatch, capsys):
             if err:
                 break
     assert err.startswith("trajopt: planning it")
+
+
+def test_a_braking_that_a_limit_forbids_is_not_solved(run):
+    """At −1 rad the falling velocity is √(2·1.5·2.2) − 0.1 = 2.47 rad/s; the rest is lawful."""
+    text = """
+waypoints = [[-1], [1]]
+angle_unit = "rad"
+start_velocity = [3.0]
+[limits]
+velocity = [1]
+acceleration = [5]
+falling_velocity = {offset = [0.1], deceleration = [1.5], position = [[-2, 1.2]]}
+"""
+    code, out, _ = run("plan p.toml --brake-first --json", p__toml=text)
+    found = json.loads(out)
+    assert (code, found["status"], found["certified_duration"]) == (1, "invalid", None)
+    assert "falling velocity" in found["message"]

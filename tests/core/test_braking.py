@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,18 @@ def test_the_judge_allows_a_braking_and_no_more():
     )
     fast = trajopt.plan(late).certified_trajectory
     assert not trajopt.judge(problem, fast, brake_first=True).certificate.feasible
+
+
+def test_a_duration_shorter_than_the_braking_is_refused():
+    problem = Problem([[0.0], [2.0]], Limits([1.0], [2.0]), start_velocity=[1.5], duration=0.2)
+    with pytest.raises(InvalidInput, match=r"duration is 0\.2: expected more than the braking"):
+        trajopt.brake_first(problem)
+
+
+def test_a_motion_that_brakes_out_of_its_range_gets_a_verdict():
+    limits = Limits([1.0], [2.0], position=[[-1.0, 2.5]])
+    problem = Problem([[0.0], [2.0]], limits, start_velocity=[1.5])
+    _, motion, _ = planned(problem)
+    away = replace(motion, coefficients=motion.coefficients * 9.0)
+    certificate = trajopt.judge(problem, away, brake_first=True).certificate
+    assert any("position limits" in flaw for flaw in certificate.flaws)

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Group, Parameter
 
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import Trial, verdict
 from trajopt.cli import asked, console, kinds
 from trajopt.cli.asked import RobotOptions
 from trajopt.cli.parameters import number
@@ -20,7 +20,6 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.formats.motion import WITH_UNITS, motion
 from trajopt.formats.waypoints import ENDINGS, begins
-from trajopt.judging.verification import verify
 
 STARTING = Group("Start", sort_key=2)
 BrakeFirst = Annotated[
@@ -102,8 +101,15 @@ def braked(found: Braking, trial: Trial) -> Trial:
     solution = replace(
         trial.solution, trajectory=whole, lower_bound=None, history=None, evaluations=None, stats={}
     )
-    certificate = verify(found.problem, whole)
-    return replace(trial, problem=found.problem, solution=solution, certificate=certificate)
+    status, message, certificate = verdict(found.problem, solution)
+    return replace(
+        trial,
+        problem=found.problem,
+        solution=solution,
+        status=status,
+        message=message,
+        certificate=certificate,
+    )
 
 
 def print_braking(found: Braking) -> None:

@@ -122,7 +122,7 @@ class Braking:
         longest = brake_first(self.asked, JUDGED_CYCLE_S) or self
         until = min(longest.motion.duration, motion.duration)
         waypoints = longest.problem.waypoints.copy()
-        waypoints[1] = motion(until)
+        waypoints[1] = np.clip(motion(until), *self.asked.limits.position.T)
         return replace(longest.problem, waypoints=waypoints)
 
     def joined(self, motion: Trajectory) -> Trajectory:
@@ -187,10 +187,14 @@ def brake_first(problem: Problem, cycle: float = 0.0) -> Braking | None:
 
 def _check(problem: Problem, motion: Trajectory) -> None:
     """Refuse a braking that leaves position limits, or takes longer than a given time."""
-    given = problem.route.demand("given_times")[0]
-    if given and motion.duration >= given:
-        right = f"more than the braking takes, {motion.duration:.6g} s"
-        raise InvalidInput("given_times, segment 1", right, value=float(given))
+    demand = problem.route.demand
+    for key, given in (
+        ("given_times, segment 1", float(demand("given_times")[0])),
+        ("duration", float(demand("duration"))),
+    ):
+        if given and motion.duration >= given:
+            right = f"more than the braking takes, {motion.duration:.6g} s"
+            raise InvalidInput(key, right, value=given)
     low, high = problem.limits.position.T
     place = motion(motion.duration)
     beyond = np.maximum(place - high, low - place) > problem.rounding

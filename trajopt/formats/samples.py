@@ -123,7 +123,7 @@ def numbers(names: Sequence[str]) -> list[int]:
 
 
 def _without_prefix(own: Sequence[str], by_name: Mapping[str, str]) -> list[str | None]:
-    """The known names that these end in, or that end in these, after one prefix of all of them.
+    """The known names that differ from these by one prefix, the same for all, on either side.
 
     There are none where several prefixes would do.
     """

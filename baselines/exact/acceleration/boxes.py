@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baselines.exact.method.planner import SeveralStarts
+from baselines.exact.method import free_pieces
+from baselines.exact.method.planner import SeveralStarts, certified
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.end_states import impossible
 from trajopt.core.exceptions import InvalidInput
@@ -29,6 +31,7 @@ MAX_PAIRS = 8
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)
 Solve = Callable[[Problem, Array | None, PlannerT, bool], Solution]
+Freely = Callable[..., Solution]  # as `Solve`, and `below`, s, by name
 
 
 class Merged(NamedTuple):
@@ -58,6 +61,26 @@ def merged(problem: Problem) -> Iterator[Merged]:
         found = _joined(problem, joined)
         if found is not None:
             yield found
+
+
+def or_freely(
+    planner: PlannerT, problem: Problem, known: Problem, found: Solution, freely: Freely
+) -> Solution:
+    """Return an answer, or that of the second method where a bound leaves room and it is shorter.
+
+    Args:
+        planner: As `best` takes it.
+        problem: The problem.
+        known: The problem with the limits that the planner knows.
+        found: The answer of the first method.
+        freely: The second method, as `best` takes a planner's; `below`, s, ends what is no shorter.
+    """
+    if planner.is_near(known, found):
+        return found
+    below = certified(known, found)
+    solve = partial(freely, below=below)
+    other = best(planner, problem, solve, planner, free_pieces.choices(problem))
+    return other if certified(known, other) < below else found
 
 
 def best(
@@ -126,7 +149,7 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
     low, high = _box(problem)
     low = np.maximum.reduceat(low, first)
     high = np.minimum.reduceat(high, first)
-    # of the last ones the last is kept: where the motion is closed, it is the first waypoint again
+    # The last waypoint is kept whatever overlaps it: of a closed motion it is the first one again.
     kept = np.isin(np.arange(len(index)), [*first[:-1], len(index) - 1])
     route = problem.route.at(kept)
     demands = {**route.demands, "tolerance": np.maximum(high - low, 0.0) / 2}

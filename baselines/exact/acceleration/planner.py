@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain, islice
 from typing import Any
 
@@ -39,7 +38,6 @@ from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
-    certified,
     without_ipopt,
 )
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
@@ -103,13 +101,7 @@ class Exact(SeveralStarts):
             sides = guesses.EVERY_SIDE
             several = replace(self, starts=max(self.starts, sides), agreeing=sides)
             found = boxes.best(self, problem, _solved_near, several)
-            if self.is_near(known, found):
-                return found
-            below = certified(known, found)
-            other = boxes.best(
-                self, problem, partial(_freely, below=below), self, free_pieces.choices(problem)
-            )
-            return min(found, other, key=partial(certified, known))
+            return boxes.or_freely(self, problem, known, found, _freely)
         return brief_steps.solved(problem, known, self._solved)
 
     def _solved(

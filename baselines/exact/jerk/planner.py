@@ -120,13 +120,7 @@ class ExactJerk(SeveralStarts):
             briefly = partial(self._solved, patient=False)
             stopping = _stopping if problem.route.at_rest else None
             found = brief_steps.solved(problem, known, self._solved, briefly, stopping)
-        if self.is_near(known, found):
-            return found
-        below = certified(known, found)
-        other = boxes.best(
-            self, problem, partial(_freely, below=below), self, free_pieces.choices(problem)
-        )
-        return min(found, other, key=partial(certified, known))
+        return boxes.or_freely(self, problem, known, found, _freely)
 
     def _solved(
         self,

@@ -35,7 +35,7 @@ LONG = 2.0
 
 
 def motion(problem: Problem) -> Trajectory | None:
-    """Return the motion of one piece that takes the least time that the end states allow.
+    """Return the fastest motion of a single piece that joins the end states.
 
     Args:
         problem: With the limits that count.

@@ -62,7 +62,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """Result of comparing the candidates for one problem with its record.
+    """What the candidates for one problem change in its record.
 
     Attributes:
         problem: The candidates' problem.
