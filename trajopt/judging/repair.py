@@ -69,18 +69,33 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
         The repaired trajectory; None where repair is impossible: two different waypoints at one
         instant, or a number that overflows.
     """
-    merged, index = problem.merged()
-    motion = trajectory
-    if merged is not problem:
-        # The first of equal waypoints counts; at the end of the motion, the last.
-        _, counted = np.unique(index, return_index=True)
-        counted[-1] = len(index) - 1
-        motion = replace(trajectory, waypoint_times=trajectory.waypoint_times[counted])
+    merged, index, motion = _merged(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         found = _without_spared(merged, motion)
     if found is None or merged is problem:
         return found
     return replace(found, waypoint_times=found.waypoint_times[index])
+
+
+def is_repairable(problem: Problem, trajectory: Trajectory) -> bool:
+    """Return whether no two different waypoints are at one instant.
+
+    A motion without position limits can then be repaired, unless its numbers overflow.
+    """
+    merged, _, motion = _merged(problem, trajectory)
+    return _layout(merged, motion, ~spared(merged)) is not None
+
+
+def _merged(problem: Problem, trajectory: Trajectory) -> tuple[Problem, Indices, Trajectory]:
+    """Return both without equal neighbours among the waypoints, and where each waypoint went."""
+    merged, index = problem.merged()
+    if merged is problem:
+        return problem, index, trajectory
+    # The first of equal waypoints counts; at the end of the motion, the last.
+    _, counted = np.unique(index, return_index=True)
+    counted[-1] = len(index) - 1
+    motion = replace(trajectory, waypoint_times=trajectory.waypoint_times[counted])
+    return merged, index, motion
 
 
 def _without_spared(problem: Problem, trajectory: Trajectory) -> Trajectory | None:

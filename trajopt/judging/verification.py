@@ -23,7 +23,7 @@ from trajopt.core.problem import Problem, check_problem
 from trajopt.core.rounding import KEPT_RTOL, of_states
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.passing import within_tolerance
-from trajopt.judging.repair import repaired
+from trajopt.judging.repair import is_repairable, repaired
 
 _JUDGED = (
     *(*END_STATES, "least_times", "given_times", "least_duration", "duration"),
@@ -32,6 +32,8 @@ _JUDGED = (
 GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative, is rounding
 NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
+# Limits whose excess a dilation mends, whatever it is: they add no flaw.
+_MENDED = frozenset({"velocity", "acceleration", "jerk"})
 
 
 @dataclass(frozen=True)
@@ -237,6 +239,34 @@ def verify(
     return replace(certificate, motion=judged if is_own else None, judged=judged)
 
 
+def flaws(problem: Problem, trajectory: Trajectory) -> tuple[str, ...]:
+    """Return the flaws that `verify` finds: none if it certifies the motion.
+
+    Where a dilation mends every limit, no peak adds a flaw. Then neither the peaks nor the repaired
+    motion are computed: that takes a third of `verify`'s time. Nor is it judged whether these
+    overflow.
+
+    Args:
+        problem: Of as many joints and waypoints as the trajectory has.
+        trajectory: The motion.
+
+    Raises:
+        WrongType, InvalidTrajectory: As `verify` does.
+    """
+    mended = _MENDED if problem.route.dilatable else frozenset[str]()
+    if "dwell" in problem.demands or problem.limits.kinds.keys() - mended:
+        return verify(problem, trajectory, unjudged=mended).flaws
+    _check_sizes(problem, trajectory)
+    own = within_tolerance(_counted(problem), trajectory)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        allowed = _allowed(own, trajectory.duration, Tolerance())
+        _, _, found = _missed(own, trajectory, allowed)
+        found += _no_time(_least_times(own, trajectory))
+        if not found and not is_repairable(own, trajectory):
+            found.append(_NOT_REPAIRED)
+        return (*found, *_other_times(own, trajectory))
+
+
 def broken(problem: Problem, certificate: Certificate) -> list[str]:
     """Return the kinds of limits that a judged motion breaks as claimed, by their keys.
 
@@ -344,21 +374,7 @@ def _judged(
     if at_rest and "dwell" in problem.demands:
         return _judged_in_parts(problem, trajectory, tolerance, unjudged)
     allowed = _allowed(problem, trajectory.duration, tolerance)
-    waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
-    jumps = []
-    for order, jump in enumerate(allowed.jumps):
-        jumps.append(_worst_jump(problem, trajectory, order, jump, at_rest))
-    continuity, _ = max(jumps, key=lambda jump: jump[1])
-    blurred, blur = _worst_blur(trajectory, allowed.blur)
-    flaws = []
-    if missed > 1:
-        flaws.append(_say(problem, waypoint, "misses the waypoint by", begins))
-    for worst, excess in jumps:
-        if excess > 1:
-            flaws.append(_say(problem, worst, _JUMP_WORDS[worst.order], begins))
-    if blur > 1:
-        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by", begins))
-
+    waypoint, continuity, flaws = _missed(problem, trajectory, allowed, begins, at_rest=at_rest)
     repair = repaired(problem, trajectory) if at_rest and not flaws else None
     judged = repair or trajectory
     uses = {}
@@ -380,11 +396,9 @@ def _judged(
     least = _least_times(problem, trajectory) if at_rest else None
     if least is not None:
         dilation = max(dilation, least.value)
-        if np.isinf(least.value):
-            at = least.time + begins
-            flaws.append(f"a segment with a least time takes none, at {at:.6g} s")
+    flaws += _no_time(least, begins)
     if repair is None and at_rest and not flaws:
-        flaws.append("it passes different waypoints at one instant, or its numbers overflow")
+        flaws.append(_NOT_REPAIRED)
     if overflowing:
         flaws.append("its peaks are not finite numbers")
     if at_rest:
@@ -423,6 +437,35 @@ def _judged(
     return certificate, judged
 
 
+def _missed(
+    problem: Problem,
+    trajectory: Trajectory,
+    allowed: _Allowed,
+    begins: float = 0.0,
+    *,
+    at_rest: bool = True,
+) -> tuple[Worst, Worst, list[str]]:
+    """Return the worst miss of a waypoint, the worst jump, and a flaw for each that is too large.
+
+    If `at_rest`, jumps at the ends count; times in flaws are counted from `begins`, s, earlier.
+    """
+    waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
+    jumps = []
+    for order, jump in enumerate(allowed.jumps):
+        jumps.append(_worst_jump(problem, trajectory, order, jump, at_rest))
+    continuity, _ = max(jumps, key=lambda jump: jump[1])
+    blurred, blur = _worst_blur(trajectory, allowed.blur)
+    flaws = []
+    if missed > 1:
+        flaws.append(_say(problem, waypoint, "misses the waypoint by", begins))
+    for worst, excess in jumps:
+        if excess > 1:
+            flaws.append(_say(problem, worst, _JUMP_WORDS[worst.order], begins))
+    if blur > 1:
+        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by", begins))
+    return waypoint, continuity, flaws
+
+
 def _rounded_outwards(
     problem: Problem, motion: Trajectory, dilation: float
 ) -> tuple[float, Trajectory] | None:
@@ -430,7 +473,7 @@ def _rounded_outwards(
     if not problem.route.at_rest or not dilation <= 1 + GIVEN_RTOL:
         return None
     slower = motion.dilated(dilation)
-    return None if _other_times(problem, slower, 0.0) else (dilation, slower)
+    return None if _other_times(problem, slower) else (dilation, slower)
 
 
 def _missed_as_returned(
@@ -505,7 +548,14 @@ def _is_timed(problem: Problem) -> bool:
     return "given_times" in problem.demands or "duration" in problem.demands
 
 
-def _other_times(problem: Problem, trajectory: Trajectory, begins: float) -> list[str]:
+def _no_time(least: Use | None, begins: float = 0.0) -> list[str]:
+    """Return a flaw if a segment with a least time takes none."""
+    if least is None or np.isfinite(least.value):
+        return []
+    return [f"a segment with a least time takes none, at {least.time + begins:.6g} s"]
+
+
+def _other_times(problem: Problem, trajectory: Trajectory, begins: float = 0.0) -> list[str]:
     """Return a flaw about the time that differs most from the one that is given, if any does."""
     asked = float(problem.route.demand("duration"))
     if asked and abs(trajectory.duration / asked - 1) > GIVEN_RTOL:
@@ -580,7 +630,7 @@ def _judged_in_parts(
     if of_whole is not None:
         least.append(of_whole)
         dilation = max(dilation, of_whole.value)
-    flaws += _other_times(problem.without("given_times"), motion, 0.0)
+    flaws += _other_times(problem.without("given_times"), motion)
     certificate = Certificate(
         duration=trajectory.duration,
         dilation=dilation,
@@ -729,6 +779,7 @@ def _worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tu
     return worst, np.inf if np.isnan(ratio) else ratio
 
 
+_NOT_REPAIRED = "it passes different waypoints at one instant, or its numbers overflow"
 _JUMP_WORDS = ("position jumps by", "velocity jumps by", "acceleration jumps by")
 
 

@@ -266,4 +266,8 @@ def _both(by_side: Array) -> Array:
 
 def _by_cell(by_s: Array, by_x: Array) -> Array:
     """Return the gradient by `s` and both ends, sides summed, with variables on the last axis."""
-    return np.stack([by_s.sum(axis=0), *_both(by_x)], axis=-1)
+    _, *cells = by_s.shape
+    gradient = np.empty((*cells, 3))  # in place of `np.stack`, 10 us slower
+    gradient[..., 0] = by_s.sum(axis=0)
+    gradient[..., 1], gradient[..., 2] = _both(by_x)
+    return gradient

@@ -179,6 +179,8 @@ class Chain:
             ratio[0, :, 0] = t[:, -1] / t[:, 0]
             ratio[1, :, -1] = t[:, 0] / t[:, -1]
         slope, missing = links
+        beside = ratio * beside_it(slope, closed)
+        missed = missing - ratio * beside_it(missing, closed)
         to_unknowns = np.zeros((starts, segments, joints, variables, variables + 2))
         constant = np.zeros((starts, segments, joints, variables))
         to_unknowns[..., 0, 0] = 1.0
@@ -186,11 +188,9 @@ class Chain:
             v = 1 + orders * end
             own = owned[end]
             to_unknowns[..., v, 0] = np.where(own, 0.0, slope[end])
-            beside = ratio[end] * beside_it(slope, closed)[end]
-            to_unknowns[..., v, 1 + end] = np.where(own, 0.0, -beside)
+            to_unknowns[..., v, 1 + end] = np.where(own, 0.0, -beside[end])
             to_unknowns[..., v, v + 2] = np.where(own, 1.0, ratio[end])
-            missed = missing[end] - ratio[end] * beside_it(missing, closed)[end]
-            constant[..., v] = np.where(own, 0.0, missed)
+            constant[..., v] = np.where(own, 0.0, missed[end])
             for order in range(1, orders):
                 to_unknowns[..., v + order, v + order + 2] = 1.0
         self.to_unknowns = to_unknowns
