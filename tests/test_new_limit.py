@@ -39,15 +39,11 @@ class SpeedSum(Limit):
 
     key = "speed_sum"
 
-    sums: Array
+    numbers: Array
 
     def __post_init__(self) -> None:
-        if not np.nanmin(self.sums) > 0:
-            raise InvalidInput("limits.speed_sum", "a positive number", value=self.sums.tolist())
-
-    @property
-    def numbers(self) -> Array:
-        return self.sums
+        if not np.nanmin(self.numbers) > 0:
+            raise InvalidInput("limits.speed_sum", "a positive number", value=self.numbers.tolist())
 
     @classmethod
     def of_numbers(cls, numbers: Array) -> Self:
@@ -61,28 +57,28 @@ class SpeedSum(Limit):
 
     def table(self) -> Any:
         of = (np.flatnonzero(self.bounds) + 1).tolist()
-        return {"joints": of, "sum": float(np.nanmin(self.sums))}
+        return {"joints": of, "sum": float(np.nanmin(self.numbers))}
 
     @property
     def bounds(self) -> Bools:
-        return np.isfinite(self.sums[:, 0])
+        return np.isfinite(self.numbers[:, 0])
 
     def only(self, joints: Array) -> Self | None:
-        left = self.sums[joints]
+        left = self.numbers[joints]
         return type(self)(left) if np.isfinite(left).sum() == self.bounds.sum() else None
 
     def scaled(self, factors: Array) -> Self:
-        return type(self)(factors[:, None] * self.sums)
+        return type(self)(factors[:, None] * self.numbers)
 
     def in_units(self, time: float, lengths: Array | float) -> Self:
-        return type(self)(self.sums * time / lengths)
+        return type(self)(self.numbers * time / lengths)
 
     def widened(self, joint: int | None, by: float) -> Self:
-        return type(self)(self.sums * (1 + by))
+        return type(self)(self.numbers * (1 + by))
 
     def _signed(self, motion: Trajectory) -> Array:
         """The sum over the limit, for each choice of signs: `(degree + 1, choices, pieces)`."""
-        speeds = motion.pieces(1)[..., self.bounds] / np.nanmin(self.sums)
+        speeds = motion.pieces(1)[..., self.bounds] / np.nanmin(self.numbers)
         signs = list(product([1, -1], repeat=int(self.bounds.sum())))
         return np.stack([speeds @ np.array(own) for own in signs], axis=1)
 
@@ -105,7 +101,7 @@ class SpeedSum(Limit):
 
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
         speeds = np.abs(motion(times, 1)[:, self.bounds])
-        return {None: speeds.sum(axis=1) / np.nanmin(self.sums)}
+        return {None: speeds.sum(axis=1) / np.nanmin(self.numbers)}
 
 
 del KINDS["speed_sum"]  # it is there in the tests below only

@@ -20,14 +20,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, transcription
+from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, beyond_exact, transcription
 from baselines.exact.acceleration.planner import Exact, starting_points
 from baselines.exact.jerk import ExactJerk, one_sided
 from baselines.exact.method.scaled import Scaled
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -43,16 +42,14 @@ _START_INTERVALS_JERK = 8
 _CELL_SECONDS = 0.004
 _CELL_SECONDS_JERK = 0.02
 _CELLS_POWER = 1.37
-# Kinds of limits that are left out for the first initial guess.
-POSITION_DEPENDENT = ("position", FallingVelocity.key)
 # Only the first refinement may have more intervals than this, in all joints and segments together.
 _MAX_INTERVALS = 3000
 # The search ends when this many starts have led to the best duration.
 _AGREEING_STARTS = 2
 # Durations that differ by less, relative to the error asked for, count as equal.
 _AGREEMENT_SHARE = 0.1
-# Further halvings with falling velocity limits: along a parabola each reduces the error to a
-# quarter only.
+# Further halvings with rows that are no boxes: along a curve each reduces the error to a quarter
+# only.
 _MORE_REFINEMENTS = 2
 # Factor on the number of starts if all have failed.
 _MORE_STARTS = 4
@@ -67,7 +64,7 @@ class CollocationRefined(Planner):
     """Collocation with free nodes, refined until its own error is below `error` (CasADi/IPOPT).
 
     `error` is the relative change of the duration by halving every interval. There are at most
-    `refinements` halvings (fewer for large problems, two more with falling velocity limits). With
+    `refinements` halvings (fewer for large problems, two more with limits that are no boxes). With
     more `starts` it may find better local optima.
     """
 
@@ -155,7 +152,7 @@ class CollocationRefined(Planner):
         levels = [incumbent]
         nodes = incumbent.nodes
         most = self.refinements
-        if any(incumbent.grid.falling.limited):
+        if incumbent.grid.asked.curved:
             most += _MORE_REFINEMENTS
         while incumbent.duration < np.inf and len(levels) <= most:
             too_many = 2 * nodes.lengths.size > _MAX_INTERVALS
@@ -222,7 +219,7 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
         inner = velocities[grid.free] * grid.unit / grid.scale
         factor = max(_SLOWER, grid.dilation(relaxed))
         yield grid.cubics(factor * times, inner / factor)
-    scaled = Scaled(grid.problem.without("jerk", *POSITION_DEPENDENT))
+    scaled = Scaled(grid.problem.without("jerk", *beyond_exact(grid.problem)))
     random = list(starting_points(scaled, count))[1:]
     # from the units of `exact` to the grid's
     speed = scaled.units[1] * grid.unit / grid.scale / _SLOWER
@@ -232,9 +229,9 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
 
 
 def _relaxed(problem: Problem) -> Trajectory | None:
-    """Return the optimum without position and falling velocity limits."""
+    """Return the optimum under the limits that `exact` knows."""
     planner = ExactJerk(starts=2) if problem.has("jerk") else Exact(starts=4)
-    return planner.solve(problem.without(*POSITION_DEPENDENT)).trajectory
+    return planner.solve(problem.without(*beyond_exact(problem))).trajectory
 
 
 def _placed(grid: CollocationGrid, trajectory: Trajectory) -> Nodes:
@@ -250,7 +247,7 @@ def _placed(grid: CollocationGrid, trajectory: Trajectory) -> Nodes:
     return Nodes(
         times=np.diff(passed) / unit,
         lengths=np.tile(lengths[:, None] / unit, len(grid.scale)),
-        q=np.clip(moved, *grid.position),
+        q=np.clip(moved, *grid.reach),
         v=v * unit,
         a=a * unit**2,
     )

@@ -22,27 +22,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation import falling
+from baselines.collocation import asked
+from baselines.collocation.asked import Curves
 from baselines.exact.acceleration import gaps
-from baselines.exact.jerk import one_sided
+from baselines.exact.acceleration.planner import Exact
+from baselines.exact.jerk import ExactJerk, one_sided
 from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.reductions import SIMPLEST, reduced
 
-# Every kind of limit, and every demand but waits: at these the route is split first.
-KNOWN = (
-    *(*LIMIT_NAMES, FallingVelocity.key, "segment"),
-    *(key for key, demand in DEMANDS.items() if not demand.splits),
-)
+# Every kind of limit that has rows, and every demand but waits: at these the route is split first.
+KNOWN = ("rows", "segment", *(key for key, demand in DEMANDS.items() if not demand.splits))
 # An expression of constraints with its lowest and highest values.
 Constraints = tuple[Any, Any, Any]
 
@@ -63,6 +61,8 @@ _WARM_OPTIONS: Options = {
 }
 # IPOPT's time, s per interval of all joints (measured up to 7000).
 _SECONDS_PER_INTERVAL = 2e-3
+# Added to a point's variables, so that none of them is 0.
+_SOMEWHERE = 0.1
 # A waypoint this close to a position limit is on it, in the grid's units.
 _TOUCH_DISTANCE = 1e-9
 # Shortest free interval, relative to equal intervals of the shortest segment time.
@@ -71,7 +71,7 @@ _SHORTEST_SHARE = 1e-3
 # It makes the solution unique where several lengths give one motion.
 _DRIFT_WEIGHT = 1e-4
 # Longest motion, relative to the time of stopping at every waypoint; and the largest dilation of
-# that time with falling velocity limits.
+# that time with limits that `exact` does not know.
 _LONGEST = 1.5
 _SLOWEST = 1e3
 # Longest time that a joint which begins or ends in motion may take more, in times of stopping.
@@ -171,8 +171,8 @@ class CollocationGrid:
         waypoints = problem.waypoints
         scaled = Scaled(problem)
         unit = scaled.unit
-        tightest = limits.in_all_segments()
-        scale = np.abs(tightest.acceleration).min(axis=1) * unit**2
+        ask = asked.of(problem, intervals)
+        scale = np.abs(ask.boxes[2]).min(axis=(0, 1)) * unit**2
 
         self.problem = problem
         self.intervals = intervals
@@ -181,14 +181,17 @@ class CollocationGrid:
         self.origin = waypoints[0]
         self.stop = scaled.stop
         self.waypoints = (waypoints - self.origin) / scale
-        # (2, joints): lowest and highest
-        self.position = (limits.position.T - self.origin) / scale
-        # (2, segments, joints), or (2, 1, joints) where segments do not differ
-        self.velocity = _by_side(limits.velocity) / scale * unit
-        self.acceleration = _by_side(limits.acceleration) / scale * unit**2
-        self.jerk = _by_side(limits.jerk) / scale * unit**3
-        self.smooth = tuple(np.isfinite(self.jerk).any(axis=(0, 1)).tolist())
-        self.boxed = problem.has("position")
+        self.asked = ask
+        # (2, intervals, joints): lowest and highest
+        self.position = (ask.boxes[0] - self.origin) / scale
+        self.velocity, self.acceleration, self.jerk, self.leaving = (
+            own / scale * unit**order
+            for own, order in zip((*ask.boxes[1:], ask.leaving), (1, 2, 3, 1), strict=True)
+        )
+        self.smooth = tuple((limits.smooth > 1).tolist())
+        self.boxed = bool(np.isfinite(self.position).any())
+        # the same at the nodes
+        self.reach = np.array([_at_nodes(own, side) for side, own in enumerate(self.position)])
         route = problem.route
         self.closed = scaled.closed
         self.tolerance = route.demand("tolerance") / scale
@@ -198,16 +201,14 @@ class CollocationGrid:
         self.ends *= np.array([unit, unit**2])[:, None]
         self.free = slice(1, None if self.closed else -1)
         self.still = ~self.ends.any(axis=1) & (not self.closed)
-        distances = np.abs(self.waypoints[:, None] - self.position)
+        distances = np.abs(self.waypoints[:, None] - self.position[:, 0])
         self.held = (distances.min(axis=1) <= _TOUCH_DISTANCE) & (self.tolerance == 0)
         self.resting = self.held.copy()
         if not self.closed:
             self.held[[0, -1]] = True
             self.resting[[0, -1]] = self.ends[:, 0] == 0
-        self.falling = falling.of(problem, unit, scale, self.origin)
         self.slower = 1.0
-        if any(self.falling.limited):
-            self.slower = max(1.0, self.dilation(self.trajectory(self.stopping())))
+        self.slower = max(1.0, self.dilation(self.trajectory(self.stopping())))
 
     @property
     def longest(self) -> float:
@@ -220,12 +221,14 @@ class CollocationGrid:
         return float(_LONGEST * self.slower * (self.stop.sum() + returning))
 
     def dilation(self, motion: Trajectory) -> float:
-        """Return the least dilation that keeps falling velocity limits, or the largest one tried.
+        """Return the least dilation that keeps the limits that `exact` does not know.
 
-        0 without such limits.
+        It is at most the largest one tried, and 0 without such limits.
         """
-        own = self.problem.limits.kinds.get(FallingVelocity.key)
-        return 0.0 if own is None else min(own.worst(motion).value, _SLOWEST)
+        kinds = self.problem.limits.kinds
+        others = (kinds[key] for key in beyond_exact(self.problem) if kinds[key].is_ratio)
+        found = (own.dilation(own.worst(motion)) for own in others)
+        return min(max(found, default=0.0), _SLOWEST)
 
     def stopping(self) -> Nodes:
         """Return the initial guess: stops at every waypoint, in at least twice the stop times."""
@@ -289,8 +292,7 @@ class CollocationGrid:
         jerk limits, on either side). Where acceleration vanishes at an end too, both are free.
         """
         size = self.intervals
-        pieces = len(self.stop) * size
-        low, high = np.repeat(self.position[:, None], pieces, axis=1)
+        low, high = self.position
         first = np.zeros(low.shape, dtype=bool)
         second = np.zeros(low.shape, dtype=bool)
         first[::size] = self.resting[:-1]
@@ -304,30 +306,9 @@ class CollocationGrid:
         return tables
 
     def velocity_bounds(self) -> list[Array]:
-        """Return the lowest and highest velocity of every interval, `(intervals, joints)` each.
-
-        A joint that may only move away from an end of its range has no velocity towards it.
-        """
-        low, high = self.of_intervals(self.velocity)
-        up, down = self.falling.leaving(self.intervals)
-        return [np.where(down, 0.0, low), np.where(up, 0.0, high)]
-
-    def of_intervals(self, limits: Array) -> Array:
-        """Return limits of every interval, `(2, intervals, joints)`."""
-        of_segments = np.broadcast_to(limits, (2, len(self.stop), limits.shape[-1]))
-        return np.repeat(of_segments, self.intervals, axis=1)
-
-    def falling_bounds(self) -> list[Array]:
-        """Return the highest values of `falling.excess`, `(intervals, joints)` each.
-
-        First those of the first coefficient of an interval for both sides, then of the others.
-        """
-        shape = (2, len(self.stop) * self.intervals, len(self.scale))
-        highest = np.zeros(shape)
-        highest[self.falling.leaving(self.intervals)] = np.inf
-        first = highest.copy()
-        first[:, :: self.intervals][:, self.resting[:-1]] = np.inf
-        return [*first, *highest]
+        """Return the lowest and highest velocity of every interval, `(intervals, joints)` each."""
+        low, high = self.leaving
+        return [np.maximum(self.velocity[0], low), np.minimum(self.velocity[1], high)]
 
     def slopes(self, nodes: Nodes) -> tuple[Array, Array]:
         """Return the acceleration at the start of every interval, and the jerk in it."""
@@ -392,9 +373,9 @@ class Transcription:
         intervals: int,
         smooth: tuple[bool, ...],
         boxed: bool,
-        falls: tuple[bool, ...],
         closed: bool,
         free: bool,
+        curves: Curves,
     ) -> None:
         ca = backend("casadi")
         joints = len(smooth)
@@ -405,13 +386,15 @@ class Transcription:
         self.nodes = pieces + 1
         self.intervals = intervals
         self.free = free
+        self.curves = curves
+        own = 1 if curves.together else joints  # columns of lengths
         self.shapes = Nodes(
-            times=(segments, 1), lengths=(pieces, joints), q=states, v=states, a=states
+            times=(segments, 1), lengths=(pieces, own), q=states, v=states, a=states
         )
 
         x = Nodes(
             times=ca.MX.sym("t", segments),
-            lengths=ca.MX.sym("l", pieces, joints),
+            lengths=ca.MX.sym("l", pieces, own),
             q=ca.MX.sym("q", *states),
             v=ca.MX.sym("v", *states),
             a=ca.MX.sym("a", *states),
@@ -421,14 +404,12 @@ class Transcription:
             kind: [ca.MX.sym(f"{kind}{side}", pieces, joints) for side in range(2)]
             for kind in ("acceleration", "jerk")
         }
-        self.falls = falls
         self.velocities = [ca.MX.sym(f"velocity{i}", pieces, joints) for i in range(2)]
-        self.fallings = [ca.MX.sym(f"falling{i}", pieces, joints) for i in range(4)]
-        self.falling = ca.MX.sym("falling", 5, joints)
         positions = [ca.MX.sym(f"position{i}", pieces, joints) for i in range(4)]
         longest = ca.MX.sym("longest")
         start_lengths = ca.MX.sym("start", pieces, joints)
-        motion = x if free else x._replace(lengths=ca.repmat(equal, 1, joints))
+        lengths = x.lengths if free else equal
+        motion = x._replace(lengths=ca.repmat(lengths, 1, joints // lengths.shape[1]))
         duration = ca.sum1(x.times)
         constraints: list[Constraints] = [(longest - duration, 0.0, np.inf)]
         for joint, is_smooth in enumerate(smooth):
@@ -441,18 +422,19 @@ class Transcription:
         if free:
             options = _WARM_OPTIONS
             constraints += self._filling(x)
-            drift = intervals * (x.lengths - start_lengths)
+            drift = intervals * (motion.lengths - start_lengths)
             objective += _DRIFT_WEIGHT * ca.sumsqr(drift) / drift.numel()
+        rows = curves.constraints(motion, smooth)
+        constraints += rows  # the last ones
 
         parameters = [
             *limits["acceleration"],
             *limits["jerk"],
             *self.velocities,
             *positions,
-            *self.fallings,
-            self.falling,
             longest,
             start_lengths,
+            *(bound for _, *both in rows for bound in both),
         ]
         expressions, lows, highs = zip(*constraints, strict=True)
         self.solver = program(
@@ -477,7 +459,7 @@ class Transcription:
         """Constrain free intervals to fill their segment."""
         ca = self.ca
         constraints: list[Constraints] = []
-        for joint in range(self.joints):
+        for joint in range(x.lengths.shape[1]):
             by_segment = ca.reshape(x.lengths[:, joint], self.intervals, -1)
             excess = ca.sum1(by_segment).T - x.times
             zero = ca.DM.zeros(excess.shape)
@@ -523,61 +505,66 @@ class Transcription:
                 (missing_q, zero, zero),
                 (inner_v, *(bound[:, joint] for bound in self.velocities)),
             ]
-            velocity = [v0, inner_v, v1]
         else:
             # q1 = q0 + l (v0 + v1)/2
             missing_q = q1 - q0 - lengths * (v0 + v1) / 2
             inner_q = [q0 + lengths * v0 / 2]
             constraints.append((missing_q, zero, zero))
-            velocity = [v0, v1]
         # inner Bernstein coefficients of position, where positions are limited
         for own, low, high in zip(
             inner_q, position_bounds[::2], position_bounds[1::2], strict=False
         ):
             constraints.append((own, low[:, joint], high[:, joint]))
-        if self.falls[joint]:
-            constraints += self._falling(velocity, [q0, *inner_q, q1], joint)
-        return constraints
-
-    def _falling(self, velocity: list[Any], position: list[Any], joint: int) -> list[Constraints]:
-        """Return the constraints of one joint's falling velocity limit, towards both ends."""
-        numbers = [self.falling[i, joint] for i in range(5)]
-        lowest = -self.ca.DM.inf(self.nodes - 1)
-        constraints: list[Constraints] = []
-        for side in (0, 1):
-            first, *others = falling.excess(velocity, position, numbers, side)
-            constraints.append((first, lowest, self.fallings[side][:, joint]))
-            highest = self.fallings[2 + side][:, joint]
-            constraints += [(own, lowest, highest) for own in others]
         return constraints
 
     def __call__(self, grid: CollocationGrid, start: Nodes) -> CollocationOptimum:
         """Return the local optimum that IPOPT finds from `start`."""
-        low, high = self._bounds(grid)
+        low, high = (flat(*self._varied(own)) for own in self._bounds(grid))
+        begin = flat(*self._varied(self._chosen(start)))
         parameters = [
-            *grid.of_intervals(grid.acceleration),
-            *grid.of_intervals(grid.jerk),
+            *grid.acceleration,
+            *grid.jerk,
             *grid.velocity_bounds(),
             *grid.position_bounds(),
-            *grid.falling_bounds(),
-            grid.falling.numbers,
             np.array([grid.longest]),
             start.lengths,
         ]
+        bounds = self.curves.bounds(grid.asked.curved)
+        if bounds:
+            fixed = self._fixed(begin, low, high, flat(*parameters, *bounds))
+            bounds = self.curves.bounds(grid.asked.curved, fixed)
+        parameters += bounds
         run = self.solver(
-            start=flat(*self._varied(start)),
+            start=begin,
             parameters=flat(*parameters),
-            bounds=(flat(*self._varied(low)), flat(*self._varied(high))),
+            bounds=(low, high),
             constraint_bounds=self.edges(*parameters),
         )
         return CollocationOptimum(run.status, run.success, self._read(run.x))
+
+    def _fixed(self, start: Array, low: Array, high: Array, parameters: Array) -> Bools:
+        """Return which of all constraints depend on fixed variables only.
+
+        Their derivatives by all others vanish at any point, so one that nothing is special about
+        tells.
+        """
+        free = low < high
+        random = np.random.default_rng(0).uniform(0.5, 1.5, len(start))
+        anywhere = np.where(free, start * random + _SOMEWHERE * random, low)
+        _, jacobian = self.solver.linear(anywhere, parameters)
+        return np.asarray(abs(jacobian) @ free == 0)
+
+    def _chosen(self, nodes: Nodes) -> Nodes:
+        """Return nodes whose joints have their lengths together, where these are one variable."""
+        return nodes._replace(lengths=nodes.lengths[:, : self.shapes.lengths[1]])
 
     def _read(self, x: Array) -> Nodes:
         """Return the variables as nodes."""
         column, *tables = unflat(x, self._varied(self.shapes))
         times = column[:, 0]
         if self.free:
-            return Nodes(times, *tables)
+            lengths, *states = tables
+            return Nodes(times, np.tile(lengths, (1, self.joints // lengths.shape[1])), *states)
         equal = np.repeat(column / self.intervals, self.intervals, axis=0)
         return Nodes(times, np.tile(equal, (1, self.joints)), *tables)
 
@@ -589,23 +576,23 @@ class Transcription:
         """
         h = np.diff(grid.waypoints, axis=0)
         h = np.sign(h) * np.maximum(np.abs(h) - grid.tolerance[1:] - grid.tolerance[:-1], 0)
-        shortest = np.maximum(h / grid.velocity[1], h / grid.velocity[0]).max(axis=1)
+        slowest, fastest = grid.velocity[:, :: self.intervals]
+        shortest = np.maximum(h / fastest, h / slowest).max(axis=1)
         shortest = np.maximum(shortest, grid.least)
         longest = np.full_like(shortest, grid.longest)
         interval = np.repeat(_SHORTEST_SHARE * shortest / self.intervals, self.intervals)
         times = (shortest, grid.least if grid.given else longest)
         lengths = (
-            np.tile(interval[:, None], (1, self.joints)),
+            np.tile(interval[:, None], (1, self.shapes.lengths[1])),
             np.full(self.shapes.lengths, grid.longest),
         )
         bounds = []
         for side in (0, 1):
-            every_node = (self.nodes, 1)
-            q = np.tile(grid.position[side], every_node)
+            q = np.array(grid.reach[side])
             v = _at_nodes(grid.velocity_bounds()[side], side)
-            a = _at_nodes(grid.of_intervals(grid.acceleration)[side], side)
+            a = _at_nodes(grid.acceleration[side], side)
             missed = grid.tolerance if side else -grid.tolerance
-            within = np.clip(grid.waypoints + missed, *grid.position)
+            within = np.clip(grid.waypoints + missed, *grid.reach[:, :: self.intervals])
             q[:: self.intervals] = np.where(missed, within, grid.waypoints)
             v[:: self.intervals][grid.held] = 0.0
             if not grid.closed:
@@ -614,11 +601,6 @@ class Transcription:
             bounds.append(Nodes(times[side], lengths[side], q, v, a))
         low, high = bounds
         return low, high
-
-
-def _by_side(pairs: Array) -> Array:
-    """Return limits `(…, joints, 2)` as `(2, segments or 1, joints)`."""
-    return np.moveaxis(pairs, -1, 0).reshape(2, -1, pairs.shape[-2])
 
 
 def _at_nodes(of_intervals: Array, side: int) -> Array:
@@ -632,7 +614,14 @@ def _at_nodes(of_intervals: Array, side: int) -> Array:
 def transcription(grid: CollocationGrid, *, free: bool = False) -> Transcription:
     """Return the NLP of a grid, built once for its size; `free`: with free nodes."""
     size = (grid.problem.segments, grid.intervals)
-    return _built(*size, grid.smooth, grid.boxed, grid.falling.limited, grid.closed, free)
+    to_end = not grid.closed and bool(grid.tolerance[-1].any())
+    curves = Curves(grid.asked, grid.unit, grid.scale, grid.origin, to_end)
+    return _built(*size, grid.smooth, grid.boxed, grid.closed, free, curves)
 
 
 _built = lru_cache(maxsize=32)(Transcription)
+
+
+def beyond_exact(problem: Problem) -> list[str]:
+    """Return the kinds of the problem's limits that the exact planners do not know."""
+    return [key for key in problem.limits.kinds if key not in (*Exact.knows, *ExactJerk.knows)]

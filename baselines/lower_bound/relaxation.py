@@ -506,7 +506,7 @@ def _falling(problem: Problem, time_unit: float, lengths: Array) -> FallingRows:
     rows = np.full((problem.joints, 4), np.nan)
     own = problem.limits.kinds.get(FallingVelocity.key)
     if isinstance(own, FallingVelocity):
-        rows = own.rows
+        rows = own.numbers
     offset, deceleration, low, high = rows.T
     offset = offset / (lengths / time_unit)
     deceleration = deceleration / (lengths / time_unit**2)

@@ -243,7 +243,7 @@ def test_a_file_says_the_robot_s_own_or_none(tmp_path):
     own = Problem.from_toml(file)
     file.write_text(text)
     assert Problem.from_toml(file) == own
-    assert own.limits.kinds["falling_velocity"].rows[1, 2] == 0.54092
+    assert own.limits.kinds["falling_velocity"].numbers[1, 2] == 0.54092
     file.write_text(text + "falling_velocity = false")
     assert Problem.from_toml(file) == own.without("falling_velocity")
     other = text.replace("franka-fr3", "franka-panda").replace("fr3_joint", "panda_joint")

@@ -252,7 +252,7 @@ class JointProgram:
         own = self.limits.kinds.get(FallingVelocity.key)
         if self.course is None or not isinstance(own, FallingVelocity):
             return []
-        ((offset, deceleration, *ends),) = own.rows.tolist()
+        ((offset, deceleration, *ends),) = own.numbers.tolist()
         lengths = np.diff(self.times)
         drift = np.abs(np.diff(self.course)) / lengths * lengths.min()
         at = np.array([self.course[:-1], self.course[1:]])

@@ -35,6 +35,7 @@ from trajopt.core import dwell
 from trajopt.core.demand import DEMANDS, names
 from trajopt.core.end_states import impossible
 from trajopt.core.exceptions import InvalidInput, MissingBackend
+from trajopt.core.limits import Limit
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -182,7 +183,8 @@ class Planner(ABC):
             is unsupported, unless all motions without the demand keep it
             (`trajopt.core.demand.Demand.left_out`). The key "segment" stands for limits that differ
             from segment to segment. Planners without it get the tightest limits of all segments for
-            the whole motion, and their message says so.
+            the whole motion, and their message says so. The key "rows" stands for every kind of
+            limit that states its inequalities (`trajopt.core.limits.Limit.rows`).
         drops: Whether it leaves out all kinds that it does not know, and says so. That is right for
             lower bounds: what is proved with fewer limits holds under all. Demands are left out
             too, if the problem without them is a relaxation.
@@ -257,7 +259,7 @@ class Planner(ABC):
 
     def _infeasible(self, problem: Problem) -> Solution | None:
         """Return the answer `infeasible` if a known limit or a state at an end proves it."""
-        known = (own for key, own in problem.limits.kinds.items() if key in self.knows)
+        known = (own for own in problem.limits.kinds.values() if self.plans_for(own))
         reasons = (own.infeasible(problem) for own in known)
         reason = impossible(problem) or next(filter(None, reasons), None)
         # what proves bounds says more: by how much
@@ -267,7 +269,11 @@ class Planner(ABC):
 
     def unknown(self, problem: Problem) -> list[str]:
         """Return the kinds of the problem's limits that it does not plan for, by their keys."""
-        return [key for key in problem.limits.kinds if key not in self.knows]
+        return [key for key, own in problem.limits.kinds.items() if not self.plans_for(own)]
+
+    def plans_for(self, limit: Limit | type[Limit]) -> bool:
+        """Return whether it plans for a kind of limit."""
+        return limit.key in self.knows or ("rows" in self.knows and limit.has_rows())
 
     def unknown_demands(self, problem: Problem) -> list[str]:
         """Return the demands of the problem that it does not plan for, by their keys."""

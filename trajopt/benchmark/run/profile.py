@@ -137,7 +137,7 @@ def _table(configuration: Configuration, problems: Sequence[Problem]) -> dict[st
         "code": [code.distribution, code.version, code.digest],
         **{flag: bool(getattr(planner, flag)) for flag in _FLAGS},
         "description": planner.description,
-        "knows": list(planner.knows),
+        "knows": [*planner.knows, *(key for key, own in KINDS.items() if planner.plans_for(own))],
         "missing": missing,
         "refusals": {problem.digest(): _refusal(planner, problem) for problem in problems},
         "relations": {problem.digest(): _relation(planner, problem) for problem in problems},

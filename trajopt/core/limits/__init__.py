@@ -3,6 +3,7 @@
 In reading order:
 
 - `limit`: what a kind of limit must offer, and the list of all kinds;
+- `rows`: the inequalities that a kind asks for at every instant;
 - `peaks`: the exact peak of a derivative over a whole motion;
 - `joint_limit`: an interval for a joint's position or one of its derivatives;
 - `limits`: all limits of a problem;

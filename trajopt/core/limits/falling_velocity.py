@@ -14,6 +14,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.files import check_keys
 from trajopt.core.limits.joint_limit import is_bound
 from trajopt.core.limits.limit import Interval, Limit, Use, where
+from trajopt.core.limits.rows import JointState, Row, positive
 from trajopt.core.tables import frozen, is_list
 from trajopt.core.trajectory import Trajectory
 
@@ -28,6 +29,10 @@ BLOCKED_RTOL = 1e-6
 last position from which the joint may move towards the end. A nearer waypoint could be reached in
 some minutes at the velocity that counts as rest."""
 
+# Width of the rounded corner of `max(0, v + o)`, relative to the offset, and to the largest
+# velocity that the limit allows at any position.
+_CORNER_OF_OFFSET = 1e-3
+_CORNER_OF_TOP = 1e-7
 _COLUMNS = ("offset", "deceleration", "position")
 _MAX_CUTS = 50  # each is a Newton step; four or five are enough
 _CUT_RTOL = 1e-14
@@ -47,7 +52,7 @@ class FallingVelocity(Limit):
     no dilation helps (docs/mathematics.md, section 7).
 
     Attributes:
-        rows: `o` in rad/s, `d` in rad/s², `low` and `high` in rad (m for a prismatic joint),
+        numbers: `o` in rad/s, `d` in rad/s², `low` and `high` in rad (m for a prismatic joint),
             `(joints, 4)`; a row of NaN is a joint without such a limit. The range may differ from
             the position limits.
     """
@@ -55,24 +60,21 @@ class FallingVelocity(Limit):
     key = "falling_velocity"
     short = "fall."
     forgiven = True
+    separate = True
 
-    rows: Array
+    numbers: Array
 
     def __post_init__(self) -> None:
-        offset, deceleration, low, high = self.rows.T
-        limited = ~np.isnan(self.rows).all(axis=1)
+        offset, deceleration, low, high = self.numbers.T
+        limited = ~np.isnan(self.numbers).all(axis=1)
         right = (offset >= 0) & (offset < np.inf)
         _refuse("offset", "a number from 0", offset, limited & ~right)
         right = (deceleration > 0) & (deceleration < np.inf)
         _refuse("deceleration", "a positive number", deceleration, limited & ~right)
         right = (low < high) & np.isfinite(low) & np.isfinite(high)
-        pairs = self.rows[:, 2:]
+        pairs = self.numbers[:, 2:]
         _refuse("position", "a finite range, lower below upper", pairs, limited & ~right)
-        object.__setattr__(self, "rows", frozen(self.rows))
-
-    @property
-    def numbers(self) -> Array:
-        return self.rows
+        object.__setattr__(self, "numbers", frozen(self.numbers))
 
     @classmethod
     def of_numbers(cls, numbers: Array) -> Self:
@@ -101,30 +103,45 @@ class FallingVelocity(Limit):
 
     def table(self) -> dict[str, Any]:
         unlimited = [0.0, np.inf, -np.inf, np.inf]
-        whole = np.where(self.bounds[:, None], self.rows, unlimited)
+        whole = np.where(self.bounds[:, None], self.numbers, unlimited)
         offset, deceleration = whole.T[:2].tolist()
         return dict(zip(_COLUMNS, (offset, deceleration, whole[:, 2:].tolist()), strict=True))
 
     @property
     def bounds(self) -> Bools:
-        finite = np.isfinite(self.rows)
+        finite = np.isfinite(self.numbers)
         return np.all(finite, axis=1)
 
     def only(self, joints: Array) -> Self:
-        return type(self)(self.rows[joints])
+        return type(self)(self.numbers[joints])
 
     def scaled(self, factors: Array) -> Self:
-        return type(self)(factors[:, None] * self.rows)
+        return type(self)(factors[:, None] * self.numbers)
 
     def in_units(self, time: float, lengths: Array | float) -> Self:
-        return type(self)(self.rows * [time, time**2, 1.0, 1.0] / lengths)
+        return type(self)(self.numbers * [time, time**2, 1.0, 1.0] / lengths)
 
     def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
         """Return the limit with the allowed velocities multiplied by `1 + by` at all positions."""
-        numbers = self.rows.copy()
+        numbers = self.numbers.copy()
         factor = 1 + by
         numbers[joint, :2] *= [factor, factor**2]
         return type(self)(numbers)
+
+    def rows(self, at: JointState) -> Iterator[Row]:
+        """Yield `max(0, v + o)² ≤ 2 d w` towards both ends of each range.
+
+        Where the joint may only leave an end, its velocity towards that end is 0.
+        """
+        for joint in np.flatnonzero(self.bounds).tolist():
+            q, v = at.q[joint], at.v[joint]
+            offset, deceleration, low, high = self.numbers[joint].tolist()
+            top = np.sqrt(2 * deceleration * (high - low))
+            corner = max(_CORNER_OF_OFFSET * offset, _CORNER_OF_TOP * float(top))
+            above = positive(v + offset, corner) ** 2 - 2 * deceleration * (high - q)
+            below = positive(offset - v, corner) ** 2 - 2 * deceleration * (q - low)
+            yield Row(above, high=0.0, leaving=Row(v, high=0.0))
+            yield Row(below, high=0.0, leaving=Row(v, low=0.0))
 
     def worst(self, motion: Trajectory) -> Use:
         sides = self._sides(motion)
@@ -147,7 +164,7 @@ class FallingVelocity(Limit):
         The distances are from the upper and the lower zone, `(2, waypoints, joints)`; below 0
         inside, NaN for a joint without the limit.
         """
-        offset, deceleration, low, high = self.rows.T
+        offset, deceleration, low, high = self.numbers.T
         blocked = offset**2 / (2 * deceleration)
         return np.stack([high - blocked - waypoints, waypoints - low - blocked])
 
@@ -160,12 +177,12 @@ class FallingVelocity(Limit):
         slack = self.slack(problem.waypoints)
         farthest = np.maximum.accumulate(slack, axis=1)
         way = np.minimum(farthest, 0.0) - slack  # towards the end, where that is not allowed
-        low, high = self.rows[:, 2:].T
+        low, high = self.numbers[:, 2:].T
         found = np.argwhere(way > BLOCKED_RTOL * (high - low))
         if not len(found):
             return None
         side, waypoint, joint = found[np.argmin(found[:, 1])].tolist()
-        offset, deceleration, *ends = self.rows[joint].tolist()
+        offset, deceleration, *ends = self.numbers[joint].tolist()
         unit = problem.unit(joint)
         blocked = offset**2 / (2 * deceleration)
         place = f"waypoint {waypoint + 1} of {problem.joint_labels[joint]}"
@@ -200,8 +217,8 @@ class FallingVelocity(Limit):
         q, v = motion(times), motion(times, 1)
         found: dict[int | None, Array] = {}
         for joint in np.flatnonzero(self.bounds).tolist():
-            offset, deceleration, low, high = self.rows[joint]
-            resting = _resting(self.rows[joint])
+            offset, deceleration, low, high = self.numbers[joint]
+            resting = _resting(self.numbers[joint])
             up = _use(v[:, joint], high - q[:, joint], offset, deceleration, resting)
             down = _use(-v[:, joint], q[:, joint] - low, offset, deceleration, resting)
             found[joint] = np.minimum(np.maximum(up, down), _SHOWN_USE)
@@ -210,7 +227,7 @@ class FallingVelocity(Limit):
     def velocities(self, joint: int, lowest: Array, highest: Array) -> tuple[Array, Array]:
         if not self.bounds[joint]:
             return super().velocities(joint, lowest, highest)
-        offset, deceleration, low, high = self.rows[joint]
+        offset, deceleration, low, high = self.numbers[joint]
         up, down = (
             np.maximum(np.sqrt(2 * deceleration * np.maximum(distance, 0.0)) - offset, 0.0)
             for distance in (high - lowest, highest - low)
@@ -220,7 +237,7 @@ class FallingVelocity(Limit):
     def edges(self, motion: Trajectory, times: Array) -> Mapping[tuple[int, int], Array]:
         found: dict[tuple[int, int], Array] = {}
         for joint in np.flatnonzero(self.bounds).tolist():
-            offset, deceleration, low, high = self.rows[joint]
+            offset, deceleration, low, high = self.numbers[joint]
             q = motion(times)[:, joint]
             distances = np.maximum([q - low, high - q], 0.0)
             down, up = np.maximum(np.sqrt(2 * deceleration * distances) - offset, 0.0)
@@ -230,7 +247,7 @@ class FallingVelocity(Limit):
     def _sides(self, motion: Trajectory) -> _Sides:
         """Return each limited joint's motion towards the upper and the lower end of its range."""
         joints = np.flatnonzero(self.bounds)
-        own = self.rows[joints]
+        own = self.numbers[joints]
         offset, deceleration, low, high = own.T
         position, velocity, acceleration = (motion.pieces(n)[..., joints] for n in range(3))
         above = -position
@@ -250,7 +267,7 @@ class FallingVelocity(Limit):
     def of_joint(self, joint: int, problem: Problem) -> str:
         if not self.bounds[joint]:
             return "–"
-        offset, deceleration, low, high = (f"{value:.6g}" for value in self.rows[joint])
+        offset, deceleration, low, high = (f"{value:.6g}" for value in self.numbers[joint])
         unit = problem.unit(joint, 1)
         return f"√(2 · {deceleration} · w) − {offset} {unit}, w to {low} or {high}"
 

@@ -14,6 +14,7 @@ from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import peaks
 from trajopt.core.limits.limit import Interval, Limit, Use, where
+from trajopt.core.limits.rows import JointState, Row
 from trajopt.core.numerals import is_number
 from trajopt.core.tables import frozen, is_list, is_table
 from trajopt.core.trajectory import Trajectory
@@ -37,25 +38,27 @@ class JointLimit(Limit):
 
     Attributes:
         order: of the derivative.
-        pairs: rad/s^order (m/s^order for a prismatic joint), `(joints, 2)`, or `(segments, joints,
-            2)` where segments differ.
+        numbers: rad/s^order (m/s^order for a prismatic joint), `(joints, 2)`, or
+            `(segments, joints, 2)` where segments differ.
     """
 
     order: ClassVar[int]
     finite: ClassVar[bool] = False
     forgiven = True
+    separate = True
 
-    pairs: Array
+    numbers: Array
 
     def __post_init__(self) -> None:
         if self.pairs.ndim == 3 and (self.pairs == self.pairs[:1]).all():
-            object.__setattr__(self, "pairs", self.pairs[0])
+            object.__setattr__(self, "numbers", self.pairs[0])
         self._check()
-        object.__setattr__(self, "pairs", frozen(self.pairs))
+        object.__setattr__(self, "numbers", frozen(self.numbers))
 
     @property
-    def numbers(self) -> Array:
-        return self.pairs
+    def pairs(self) -> Array:
+        """Return its numbers."""
+        return self.numbers
 
     @classmethod
     def of_numbers(cls, numbers: Array) -> Self:
@@ -119,7 +122,7 @@ class JointLimit(Limit):
             return type(self)(pairs)
         part = object.__new__(type(self))  # what is right for all joints is right for some
         pairs.setflags(write=False)
-        part.__dict__["pairs"] = pairs
+        part.__dict__["numbers"] = pairs
         return part
 
     def scaled(self, factors: Array) -> Self:
@@ -137,6 +140,12 @@ class JointLimit(Limit):
         zero = self._zero if own is pairs else self._zero[segment]
         own[..., joint, :] += by * (own - zero)[..., joint, :]
         return type(self)(pairs)
+
+    def rows(self, at: JointState) -> Iterator[Row]:
+        pairs = self.pairs if self.segments is None else self.pairs[at.segments]
+        for joint in np.flatnonzero(self.bounds).tolist():
+            low, high = np.moveaxis(pairs[..., joint, :], -1, 0)
+            yield Row(at[self.order][joint], low, high)
 
     def worst(self, motion: Trajectory) -> Use:
         if self.segments is not None:
@@ -275,7 +284,7 @@ class Velocity(JointLimit):
                 np.where((low == 0) & (high > 0), -ONE_WAY * high, low),
                 np.where((high == 0) & (low < 0), -ONE_WAY * low, high),
             )
-            object.__setattr__(self, "pairs", np.stack(sides, axis=-1))
+            object.__setattr__(self, "numbers", np.stack(sides, axis=-1))
         super().__post_init__()
 
 

@@ -18,6 +18,7 @@ from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.out_of_scope import out_of_scope
 
 if TYPE_CHECKING:
+    from trajopt.core.limits.rows import JointState, Row
     from trajopt.core.problem import Problem
     from trajopt.core.trajectory import Trajectory
 
@@ -60,6 +61,8 @@ class Limit(ABC):
         smooth: the highest derivative that must be continuous; the repair makes it so.
         forgiven: whether a planner that does not know the kind may ignore it. The verifier then
             dilates or reports its answer. With any other kind such a planner refuses the problem.
+        separate: whether it limits each joint by itself, whatever the others do. Then it can be
+            stated in other units of length, joint by joint (`in_units`).
     """
 
     key: ClassVar[str]
@@ -68,6 +71,7 @@ class Limit(ABC):
     is_ratio: ClassVar[bool] = True
     smooth: ClassVar[int] = 0
     forgiven: ClassVar[bool] = False
+    separate: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -77,10 +81,8 @@ class Limit(ABC):
 
     # --- numbers, and how they are written ---
 
-    @property
-    @abstractmethod
-    def numbers(self) -> Array:
-        """Return all its numbers in rows, for digests and stores; NaN where nothing is limited."""
+    numbers: Array
+    """All its numbers in rows, for digests and stores; NaN where nothing is limited."""
 
     @classmethod
     @abstractmethod
@@ -147,6 +149,23 @@ class Limit(ABC):
 
         `segment` widens it in one segment only, by index, where segments differ.
         """
+
+    # --- what it asks of a state ---
+
+    def rows(self, at: JointState) -> Iterator[Row]:
+        """Yield its inequalities at a state (`trajopt.core.limits.rows`).
+
+        Planners that know no kind of limit by name plan with them. Only the planners that name a
+        kind plan for one without rows. The number of rows, and what each computes, depend on the
+        limit's numbers alone. Of a `separate` kind the state may have other units, and then the
+        limit has them too (`in_units`).
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def has_rows(cls) -> bool:
+        """Return whether it states its inequalities."""
+        return cls.rows is not Limit.rows
 
     # --- a motion under it ---
 

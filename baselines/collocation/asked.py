@@ -1,0 +1,252 @@
+"""What the limits of a problem ask on a grid, by their rows: no kind of limit is named.
+
+A row that bounds a derivative of one joint as it is becomes a box. All others are curved: they
+become constraints on Bernstein coefficients, or at instants of every interval where a row is no
+polynomial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baselines.collocation.symbols import NotPolynomialError, Polynomial, Symbol
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.limits import Limit
+from trajopt.core.limits.rows import JointState, Row
+from trajopt.core.problem import Problem
+from trajopt.planners.planner import backend
+
+# Where a row that is no polynomial is imposed, in shares of an interval.
+_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+class Curved(NamedTuple):
+    """The rows of a limit that are no boxes.
+
+    Attributes:
+        limit: the limit, in SI units.
+        rows: their places among all its rows.
+        low, high: their bounds, infinite where a row is not imposed, `(rows, intervals)`.
+    """
+
+    limit: Limit
+    rows: tuple[int, ...]
+    low: Array
+    high: Array
+
+
+class Asked(NamedTuple):
+    """What limits ask on a grid, in SI units.
+
+    Attributes:
+        boxes: lowest and highest values of each derivative, `(4 orders, 2, intervals, joints)`.
+        leaving: lowest and highest velocities where a joint may only go back, infinite elsewhere,
+            `(2, intervals, joints)`.
+        curved: the limits with other rows.
+        segments: the segment of each interval.
+    """
+
+    boxes: Array
+    leaving: Array
+    curved: tuple[Curved, ...]
+    segments: Indices
+
+
+def of(problem: Problem, intervals: int) -> Asked:
+    """Return what a problem's limits ask on equal numbers of intervals per segment.
+
+    A segment may begin at a waypoint where a row does not hold at rest. Then the row's `leaving` is
+    imposed in the first half of the segment's intervals, or in all of them if the row does not hold
+    at the segment's end either. The row itself is imposed in the others. Lengths of free intervals
+    vary, so the joint may turn at any time.
+    """
+    segments = np.repeat(np.arange(problem.segments), intervals)
+    at = _at_rest(problem, segments)
+    places = {id(own): (order, k) for order in range(4) for k, own in enumerate(at[order])}
+    unbounded = np.tile([[[-np.inf]], [[np.inf]]], (1, len(segments), problem.joints))
+    boxes = np.tile(unbounded, (4, 1, 1, 1))
+    leaving = unbounded.copy()
+    first_half = np.arange(len(segments)) % intervals < intervals / 2
+    curved = []
+    for limit in problem.limits.kinds.values():
+        rows, lows, highs = [], [], []
+        for number, row in enumerate(limit.rows(at)):
+            if id(row.value) in places:
+                order, joint = places[id(row.value)]
+                _tighten(boxes[order, ..., joint], row, True)
+                continue
+            imposed = np.ones(len(segments), dtype=bool)
+            if row.leaving is not None:
+                begins, ends = (row.value < row.low) | (row.value > row.high)
+                away = begins & (ends | first_half)
+                _, joint = places[id(row.leaving.value)]
+                _tighten(leaving[..., joint], row.leaving, away)
+                imposed = ~away
+            rows.append(number)
+            lows.append(np.where(imposed, row.low, -np.inf))
+            highs.append(np.where(imposed, row.high, np.inf))
+        if rows:
+            curved.append(Curved(limit, tuple(rows), np.array(lows), np.array(highs)))
+    return Asked(boxes, leaving, tuple(curved), segments)
+
+
+def _at_rest(problem: Problem, segments: Any) -> JointState:
+    """Return rest at the waypoints of each interval's segment, `(2 waypoints, intervals)`."""
+    q = problem.waypoints[np.stack([segments, segments + 1])]
+    joints = range(problem.joints)
+    v, a, j = ([np.zeros(q.shape[:2]) for _ in joints] for _ in range(3))
+    return JointState([q[..., k] for k in joints], v, a, j, segments)
+
+
+def _tighten(box: Array, row: Row, where: Bools | bool) -> None:
+    """Make a box, `(2, intervals)`, as narrow as a row in some intervals."""
+    box[0] = np.where(where, np.maximum(box[0], row.low), box[0])
+    box[1] = np.where(where, np.minimum(box[1], row.high), box[1])
+
+
+class Curves:
+    """Constraints of the rows that are no boxes; equal ones have the same expressions.
+
+    Attributes:
+        together: whether one row may depend on several joints. Then all joints have the same
+            lengths of intervals.
+    """
+
+    def __init__(
+        self, asked: Asked, unit: float, scale: Array, origin: Array, to_end: bool
+    ) -> None:
+        """Prepare the rows of a grid.
+
+        Args:
+            asked: what the limits ask.
+            unit: the grid's unit of time, s.
+            scale: its unit of length of each joint, rad, `(joints,)`.
+            origin: position of each joint that counts as 0, rad, `(joints,)`.
+            to_end: whether the motion's last state varies, so that rows are imposed there too.
+        """
+        self.asked, self.unit, self.scale, self.origin = asked, unit, scale, origin
+        self.to_end = to_end
+        limits = [own.limit for own in asked.curved]
+        self.together = not all(own.separate for own in limits)
+        numbers = [(type(own), own.numbers.shape, own.numbers.tobytes()) for own in limits]
+        units = (unit, scale.tobytes(), origin.tobytes(), to_end)
+        self._key = (*numbers, *units) if limits else ()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Curves) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def constraints(self, x: Any, smooth: Sequence[bool]) -> list[tuple[Any, Any, Any]]:
+        """Return columns of CasADi and symbols for their lowest and highest values.
+
+        Args:
+            x: the grid's nodes (`baselines.collocation.uniform.Nodes`), symbols.
+            smooth: which joints have a continuous acceleration.
+        """
+        ca = backend("casadi")
+        found = []
+        self._places: list[tuple[int, int, slice]] = []  # limit, row and intervals of each column
+        for number, own in enumerate(self.asked.curved):
+            every = _parts(own, self._state(own.limit, x, smooth), self._in_units(own.limit))
+            for row, (parts, continuous) in enumerate(every):
+                shared = continuous and len(parts) > 1  # the last is the next interval's first
+                whole = parts[:-1] if shared else parts
+                columns = [(part, slice(None)) for part in whole]
+                if shared and self.to_end:
+                    columns.append((parts[-1][-1], slice(-1, None)))
+                for column, intervals in columns:
+                    low, high = (ca.MX.sym(side, column.shape[0]) for side in ("low", "high"))
+                    found.append((column, low, high))
+                    self._places.append((number, row, intervals))
+        return found
+
+    def bounds(self, curved: Sequence[Curved], fixed: Bools | None = None) -> list[Array]:
+        """Return the numbers for the symbols of `constraints`, low and high of each column.
+
+        Args:
+            curved: of a grid with equal `Curves`.
+            fixed: which of a program's constraints, of which these are the last, are fixed. On
+                these nothing is imposed.
+        """
+        found = []
+        end = 0
+        for number, row, intervals in reversed(self._places):
+            low, high = curved[number].low[row, intervals], curved[number].high[row, intervals]
+            begin = end - len(low)
+            if fixed is not None:
+                imposed = ~fixed[begin : end or None]
+                low, high = np.where(imposed, low, -np.inf), np.where(imposed, high, np.inf)
+            found += [high, low]
+            end = begin
+        return found[::-1]
+
+    def _in_units(self, limit: Limit) -> Limit:
+        return limit.in_units(self.unit, self.scale[:, None]) if limit.separate else limit
+
+    def _state(self, limit: Limit, x: Any, smooth: Sequence[bool]) -> JointState:
+        """Return the state on every interval; of `separate` limits in the grid's units."""
+        unit, scale, shift = self.unit, self.scale, self.origin
+        if limit.separate:
+            unit, scale, shift = 1.0, np.ones_like(self.scale), self.origin / self.scale
+        orders: list[list[Any]] = [[], [], [], []]
+        for joint, is_smooth in enumerate(smooth):
+            every = _polynomials(x, joint, is_smooth)
+            for order, (parts, continuous) in enumerate(every):
+                size = float(scale[joint] / unit**order)
+                own = parts if size == 1 else [size * part for part in parts]
+                if order == 0:
+                    own = [part + float(shift[joint]) for part in own]
+                orders[order].append(Polynomial(own, continuous=continuous))
+        q, v, a, j = orders
+        return JointState(q, v, a, j, self.asked.segments)
+
+
+def _polynomials(x: Any, joint: int, smooth: bool) -> list[tuple[list[Any], bool]]:
+    """Return the Bernstein coefficients of position and its derivatives in the grid's units."""
+    length = x.lengths[:, joint]
+    (q0, q1), (v0, v1), (a0, a1) = ((own[:-1, joint], own[1:, joint]) for own in (x.q, x.v, x.a))
+    if smooth:
+        q = [q0, q0 + length * v0 / 3, q1 - length * v1 / 3, q1]
+        jerk = [(a1 - a0) / length]
+        return [(q, True), ([v0, v0 + length * a0 / 2, v1], True), ([a0, a1], True), (jerk, False)]
+    q = [q0, q0 + length * v0 / 2, q1]
+    return [(q, True), ([v0, v1], True), ([(v1 - v0) / length], False), ([0 * length], False)]
+
+
+def _parts(curved: Curved, at: JointState, limit: Limit) -> list[tuple[Sequence[Any], bool]]:
+    """Return columns that are to be within the bounds of each row, and whether it is continuous.
+
+    They are Bernstein coefficients of the rows that are polynomials, else values at instants.
+    """
+    try:
+        rows = [(own.value.parts, own.value.continuous) for own in _of(curved, limit, at)]
+    except NotPolynomialError:
+        rows = _at_instants(curved, limit, at)
+    return rows
+
+
+def _of(curved: Curved, limit: Limit, at: JointState) -> list[Row]:
+    every = list(limit.rows(at))
+    return [every[row] for row in curved.rows]
+
+
+def _at_instants(curved: Curved, limit: Limit, at: JointState) -> list[tuple[Sequence[Any], bool]]:
+    ca = backend("casadi")
+    entries = [own for order in range(4) for own in at[order]]
+    symbols = [ca.MX.sym("entry", len(at.segments)) for _ in entries]
+    q, v, a, j = np.array([Symbol(own) for own in symbols], dtype=object).reshape(4, -1).tolist()
+    rows = _of(curved, limit, JointState(q, v, a, j, at.segments))
+    values = [own.value.column for own in rows]
+    function = ca.Function("rows", symbols, values)
+    every = [function.call([own.at(share) for own in entries]) for share in _SHARES]
+    pairs = zip(symbols, entries, strict=True)
+    jumping = ca.vertcat(*(own for own, entry in pairs if not entry.continuous))
+    return [
+        (parts, limit.segments is None and not ca.depends_on(value, jumping))
+        for value, parts in zip(values, zip(*every, strict=True), strict=True)
+    ]
