@@ -18,6 +18,14 @@ values.deceleration = [6, 2.6, 3.5, 4, 17, 5.5]
 values.position = [[-2.75, 2.75], ...]
 status = "published"
 source = "the maker's manual, page 12"
+
+[chain]                                      # optional: the link frames, m and rad
+xyz = [[0, 0, 0.1625], ...]                  # of each joint's <origin>, as in a URDF
+rpy = [[0, 0, 0], ...]
+axis = [[0, 0, 1], ...]
+tool_xyz = [0, 0, 0.1]                       # optional, behind the last joint; tool_rpy too
+status = "configuration"
+source = "a model of the arm"
 """
 
 from __future__ import annotations
@@ -29,7 +37,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from trajopt.core import built_in, files
+from trajopt.core import built_in, chain, files
+from trajopt.core.chain import Chain
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.limits import KINDS, Limit, Limits
 from trajopt.core.tables import check_joint_names, is_list
@@ -73,6 +82,8 @@ class Arm:
             no description is known.
         limits: rad and s.
         origins: The origin of each kind of limit.
+        chain: Its link frames; None where none are known.
+        chain_origin: Where these come from.
     """
 
     name: str
@@ -80,6 +91,8 @@ class Arm:
     joint_names: tuple[str, ...]
     limits: Limits
     origins: Mapping[str, LimitOrigin]
+    chain: Chain | None = None
+    chain_origin: LimitOrigin | None = None
 
 
 def arm_files() -> dict[str, Path]:
@@ -99,7 +112,7 @@ def read(name_or_path: str) -> Arm:
 
 
 def _arm(table: Mapping[str, Any]) -> Arm:
-    known = (*_REQUIRED, "joint_names", *KINDS)
+    known = (*_REQUIRED, "joint_names", "chain", *KINDS)
     files.check_keys("", table, known, _REQUIRED)
     given = [key for key in KINDS if key in table]
     values = {key: _values(key, table[key]) for key in given}
@@ -108,12 +121,18 @@ def _arm(table: Mapping[str, Any]) -> Arm:
     numbered = [f"joint_{joint + 1}" for joint in range(limits.joints)]
     names = files.names_at(table, "joint_names", numbered)
     check_joint_names(names, limits.joints)
+    stated = table.get("chain")
+    if stated is not None:
+        required = ("status", "source", *chain.REQUIRED)
+        files.check_keys("chain.", stated, (*chain.KEYS, *_TEXTS), required)
     return Arm(
         name=files.text_at(table, "name"),
         description=files.text_at(table, "description"),
         joint_names=tuple(names),
         limits=limits,
         origins={key: _origin(key, table[key]) for key in given},
+        chain=None if stated is None else Chain.read(stated, limits.joints),
+        chain_origin=None if stated is None else _origin("chain", stated),
     )
 
 

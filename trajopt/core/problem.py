@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.chain import Chain
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.limits import Limits
@@ -33,7 +34,8 @@ class Problem:
     them (`trajopt.core.route.Route`).
 
     `joint_names` has one name per joint, or is empty. `joint_units` has "rad", or "m" for a
-    prismatic joint; empty means radians. Neither is part of the digest.
+    prismatic joint; empty means radians. `chain` has the link frames of the joints, where they are
+    known. None of these is part of the digest.
 
     Problems are equal if their waypoints, demands and limits are: names do not count.
 
@@ -48,6 +50,7 @@ class Problem:
     source: str = ""
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
+    chain: Chain | None = None
     route: ClassVar[Route]  # of the waypoints and demands
 
     def __init__(
@@ -59,15 +62,16 @@ class Problem:
         joint_names: Sequence[str] = (),
         joint_units: Sequence[str] = (),
         demands: Mapping[str, Any] = NOTHING,
+        chain: Chain | None = None,
         **by_key: Any,
     ) -> None:
         for key in by_key:
             if key not in DEMANDS:
-                fields = "waypoints, limits, name, source, joint_names, joint_units"
+                fields = "waypoints, limits, name, source, joint_names, joint_units, chain"
                 known = f"{fields}, {', '.join(DEMANDS)}"
                 raise WrongType(f"Problem takes no {key}: {out_of_scope(key) or f'it has {known}'}")
         route = Route(waypoints, {**demands, **by_key})
-        self._hold(route, limits, name, source, tuple(joint_names), tuple(joint_units))
+        self._hold(route, limits, name, source, tuple(joint_names), tuple(joint_units), chain)
         if limits.joints != self.joints:
             expected = f"{self.joints} values, one per joint of the waypoints"
             raise InvalidInput("limits.velocity", expected, value=limits.joints)
@@ -82,6 +86,8 @@ class Problem:
             DEMANDS[key].check(numbers, route.demands, limits)
         if self.joint_names:
             check_joint_names(self.joint_names, self.joints)
+        if chain is not None and chain.joints != self.joints:
+            raise InvalidInput("chain", f"{self.joints} joints", value=chain.joints)
 
     def _hold(
         self,
@@ -91,6 +97,7 @@ class Problem:
         source: str,
         joint_names: tuple[str, ...],
         joint_units: tuple[str, ...],
+        chain: Chain | None,
     ) -> None:
         """Set every attribute, without a check."""
         self.__dict__.update(
@@ -102,6 +109,7 @@ class Problem:
             source=source,
             joint_names=joint_names,
             joint_units=joint_units,
+            chain=chain,
             demands=route.demands,
         )
 
@@ -216,7 +224,7 @@ class Problem:
         # what is right for all joints is right for some, but that they move: the route asks that
         part = object.__new__(type(self))
         limits = self.limits.only(kept)
-        part._hold(self.route.only(kept), limits, self.name, self.source, names, units)
+        part._hold(self.route.only(kept), limits, self.name, self.source, names, units, None)
         return part
 
     def has(self, key: str) -> bool:

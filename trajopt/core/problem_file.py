@@ -60,6 +60,7 @@ import numpy as np
 from trajopt.core import arm_file, files, keys
 from trajopt.core.arm_file import Arm
 from trajopt.core.arrays import Array
+from trajopt.core.chain import chain_of, frames_of
 from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import text_at
@@ -192,6 +193,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         joint_names=names,
         joint_units=kinds if units_known else (),
         demands=demands,
+        chain=chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None,
     )
     if "units" not in table:
         as_written = problem.limits.in_all_segments().scaled(1 / size["limits"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trajopt.core import arm_file
+from trajopt.core.chain import frames_of
 from trajopt.core.limits import LIMIT_NAMES, LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
@@ -28,4 +29,5 @@ def named(name: str) -> RobotLimits:
         source=arm.name,
         units=dict.fromkeys(joints, "rad"),
         others=others,
+        frames=frames_of(arm.chain, arm.joint_names),
     )

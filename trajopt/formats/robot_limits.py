@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.core.arrays import Array
+from trajopt.core.chain import Frame
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
 from trajopt.core.keys import note
 from trajopt.core.limits import LIMIT_NAMES, Limit, LimitName, Limits, named
@@ -52,6 +53,7 @@ class RobotLimits:
         unsound: The error of each joint that cannot be used.
         continuous: Joints that turn without end, so that whole turns make no difference.
         completed: Joints whose acceleration limit is that of `with_acceleration`.
+        frames: The joints' frames by their names, where the source has them.
     """
 
     joints: Mapping[str, JointBounds]
@@ -64,6 +66,7 @@ class RobotLimits:
     unsound: Mapping[str, InvalidInput] = field(default_factory=dict)
     continuous: frozenset[str] = frozenset()
     completed: frozenset[str] = frozenset()
+    frames: Mapping[str, Frame] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -96,6 +99,7 @@ class RobotLimits:
             others={**other.others, **self.others},
             unsound={**other.unsound, **self.unsound},
             continuous=self.continuous | other.continuous,
+            frames={**other.frames, **self.frames},
         )
 
     def _note_left_out(self, other: RobotLimits) -> None:

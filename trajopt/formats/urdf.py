@@ -14,12 +14,16 @@ Franka's own element is read too (libfranka, `test/fr3.urdf` and `src/joint_velo
 
 It belongs to the range of the joint's `<limit>`; soft limits do not move it
 (`trajopt.core.limits.FallingVelocity`).
+
+Link frames are those of `<origin>` and `<axis>` (`trajopt.core.chain`); joints that are fixed, or
+mimic another, stay where they are at 0. A joint with a faulty number on its way to the base has
+none: motions are judged without it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -28,6 +32,7 @@ import numpy as np
 
 from trajopt.core import files, keys, numerals
 from trajopt.core.arrays import Array
+from trajopt.core.chain import Frame, origin_poses, unit_axes
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.keys import Key, Keys
 from trajopt.core.limits import FallingVelocity, LimitName
@@ -74,7 +79,7 @@ ATTRIBUTES: Mapping[str, Keys] = {
 }
 """The attributes of each element of a joint that is read."""
 ELEMENTS = {tag: Key(keys.holding(own), f"<{tag}>") for tag, own in ATTRIBUTES.items()} | {
-    tag: Key(keys.table, f"<{tag}>, which is not read")
+    tag: Key(keys.table, f"<{tag}>, which bounds nothing")
     for tag in ("axis", "calibration", "child", "dynamics", "origin", "parent")
 }
 """The elements of a joint."""
@@ -187,7 +192,79 @@ def _robot(root: Element, source: str) -> RobotLimits:
         others=others,
         unsound=unsound,
         continuous=frozenset(joint.get("name", "") for joint in turning),
+        frames=_frames(root, joints),
     )
+
+
+def _frames(root: Element, moving: Collection[str]) -> dict[str, Frame]:
+    """Return the frames of the joints that move, by name; a joint that is not sound has none."""
+    above: dict[str, Element] = {}
+    below: dict[str, list[Element]] = {}
+    for joint in root.iterfind("joint"):
+        above.setdefault(_link(joint, "child"), joint)
+        below.setdefault(_link(joint, "parent"), []).append(joint)
+    found: dict[str, Frame] = {}
+    for joint in above.values():
+        name = joint.get("name", "")
+        if name not in moving or name in found:
+            continue
+        try:
+            axis = unit_axes("axis", _triple(joint, "axis", "xyz", "1 0 0")[None])[0]
+            before, origin = _before(joint, above, moving)
+            tool = _behind(joint, below, moving)
+        except InvalidInput:
+            continue
+        found[name] = Frame(before, origin, axis, joint.get("type") == "prismatic", tool)
+    return found
+
+
+def _before(
+    joint: Element, above: Mapping[str, Element], moving: Collection[str]
+) -> tuple[str | None, Array]:
+    """Return the joint before this one that moves, and this one's pose in its frame."""
+    origin = _origin(joint)
+    for _ in above:  # no longer than the robot, even in a loop
+        before = above.get(_link(joint, "parent"))
+        if before is None:
+            return None, origin
+        if before.get("name") in moving:
+            return before.get("name"), origin
+        joint = before
+        origin = _origin(joint) @ origin
+    raise InvalidInput("joint", "a way to the base", value=joint.get("name"))
+
+
+def _behind(joint: Element, below: Mapping[str, list[Element]], moving: Collection[str]) -> Array:
+    """Return the pose of the last link that is fixed to a joint's link, as long as it is one."""
+    pose = np.eye(4)
+    for _ in below:
+        following = below.get(_link(joint, "child"), [])
+        if len(following) != 1 or following[0].get("name") in moving:
+            break
+        (joint,) = following
+        pose = pose @ _origin(joint)
+    return pose
+
+
+def _link(joint: Element, side: str) -> str:
+    element = joint.find(side)
+    return "" if element is None else element.get("link", "")
+
+
+def _origin(joint: Element) -> Array:
+    """Return the pose of a joint's frame on the link before it."""
+    at, turned = (_triple(joint, "origin", key, "0 0 0") for key in ("xyz", "rpy"))
+    return origin_poses(at, turned)
+
+
+def _triple(joint: Element, tag: str, key: str, default: str) -> Array:
+    """Return three numbers of an element's attribute."""
+    element = joint.find(tag)
+    text = default if element is None else element.get(key, default)
+    numbers = [numerals.parsed(own) for own in text.split()]
+    if len(numbers) != 3 or not all(own is not None and np.isfinite(own) for own in numbers):
+        raise InvalidInput(f"{tag} {key}", "three numbers", value=text)
+    return np.array(numbers, dtype=float)
 
 
 def _other_keys(joint: Element) -> Iterator[str]:

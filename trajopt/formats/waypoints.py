@@ -23,6 +23,7 @@ import numpy as np
 
 from trajopt.core import files, keys
 from trajopt.core.arrays import Array
+from trajopt.core.chain import chain_of
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.keys import Key, note
 from trajopt.core.limits import Limits
@@ -176,6 +177,7 @@ def _problem(
         demands=begins(limits, *state[1:]) if start else {},
         name=path.stem,
         source=f"{path.name}, limits of {robot.source}",
+        chain=chain_of(robot.frames, names),
         **described,
     )
 

@@ -1,16 +1,16 @@
-"""Forward and inverse kinematics, and the `Problem` of a Cartesian path.
+"""Inverse kinematics, and the `Problem` of a Cartesian path.
 
 Modified Denavit–Hartenberg parameters (Craig), eq. 1 of Ma et al. 2024, for any chain of revolute
-joints. The inverse is Newton's method (Levenberg and Marquardt) from the posture before, and from
-random ones where that leads far away. So it needs no closed form of the arm.
-A pose is a 4 x 4 homogeneous matrix, or SciPy's `RigidTransform`, which takes any orientation.
+joints (`trajopt.core.chain`). The inverse is Newton's method (Levenberg and Marquardt) from the
+posture before, and from random ones where that leads far away. So it needs no closed form of the
+arm. A pose is a 4 x 4 homogeneous matrix, or SciPy's `RigidTransform`, which takes any orientation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from trajopt.core import files
 from trajopt.core.arrays import Array
+from trajopt.core.chain import Chain
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -73,6 +74,11 @@ class Robot:
     def joints(self) -> int:
         return len(self.a)
 
+    @cached_property
+    def chain(self) -> Chain:
+        """Return the link frames."""
+        return Chain.modified_dh(self.a, self.alpha, self.d, self.theta)
+
     @classmethod
     def from_toml(cls, path: str | Path) -> Robot:
         """Read a robot file; every error names the file, key, joint and value."""
@@ -84,7 +90,7 @@ class Robot:
 
     def forward(self, q: ArrayLike) -> Array:
         """Poses `(…, 4, 4)` of the hand at angles `q` `(…, joints)` rad (eq. 2); m."""
-        return _hand(self, self._angles("q", q))
+        return self.chain.forward(self._angles("q", q))
 
     def nearest(self, pose: Any, posture: ArrayLike | None = None) -> Array:
         """Return angles within the joint ranges that reach a pose `(4, 4)`, `(joints,)`, rad.
@@ -191,12 +197,12 @@ def _solved(
     scale = np.array([1.0, 1.0, 1.0, 1 / size])
 
     def miss(q: Array) -> Array:
-        apart = _hand(robot, q) - pose
+        apart = robot.chain.forward(q) - pose
         return np.asarray((apart[:3] * scale).ravel())
 
     def slope(q: Array) -> Array:
         steps = _COMPLEX_STEP * np.eye(robot.joints)
-        moved = _hand(robot, q + 1j * steps).imag / _COMPLEX_STEP
+        moved = robot.chain.forward(q + 1j * steps).imag / _COMPLEX_STEP
         columns = moved[:, :3] * scale
         return columns.reshape(robot.joints, -1).T
 
@@ -226,37 +232,6 @@ def _turned(q: Array, joint_range: Array, posture: Array) -> Array:
 def _outside(q: Array, low: Array, high: Array) -> Array:
     """Return how far each angle is outside its range, rad; at most 0 within it."""
     return np.maximum(low - q, q - high) - _ROUNDING_RAD
-
-
-def _hand(robot: Robot, q: Any) -> Array:
-    """Poses `(…, 4, 4)` at angles `(…, joints)`, which may be complex."""
-    links = _link(robot.a, robot.alpha, robot.d, q + robot.theta)
-    return reduce(np.matmul, np.moveaxis(links, -3, 0))
-
-
-def _link(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
-    """Eq. 1, batched: `(…, 4, 4)`."""
-    alike = np.broadcast_arrays(a, alpha, d, theta)
-    a, alpha, d, theta = alike
-    c = np.cos(theta)
-    s = np.sin(theta)
-    ca = np.cos(alpha)
-    sa = np.sin(alpha)
-    zero = np.zeros_like(c)
-    one = np.ones_like(c)
-    rows = [
-        [c, -s, zero, a],
-        [s * ca, c * ca, -sa, -d * sa],
-        [s * sa, c * sa, ca, d * ca],
-        [zero, zero, zero, one],
-    ]
-    return _matrix(rows)
-
-
-def _matrix(rows: list[list[Array]]) -> Array:
-    """Matrices `(…, rows, columns)` from their entries `(…)`."""
-    stacked = [np.stack(row, axis=-1) for row in rows]
-    return np.stack(stacked, axis=-2)
 
 
 def _checked(poses: Any) -> Array:

@@ -13,6 +13,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites import edges, families, robots
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.benchmark.trial import trial_id
+from trajopt.core import arm_file
 
 SEEDS = range(300)
 
@@ -449,3 +450,29 @@ def test_a_changed_problem_of_the_same_name_has_other_trials(suites):
     assert len(ids) == 2
     renamed = replace(problem, name="another")
     assert trial_id(renamed, "exact", {}, 0, "0.1.0") in ids
+
+
+@pytest.mark.parametrize(
+    ("name", "owner"),
+    [
+        ("robots-ur5e-w4", "ur5e"),
+        ("robots-ur10e-w8", "ur10e"),
+        ("robots-kinova-gen3-w4", "kinova-gen3"),
+        ("robots-crs-a255-w4", None),
+    ],
+)
+def test_a_stored_problem_finds_the_link_frames_of_its_robot(name, owner):
+    problem = suite.load(name)
+    stored = replace(problem, chain=None, name="stored")
+    links = suite.chain(stored)
+    expected = owner and arm_file.read(owner).chain.forward(problem.waypoints)
+    assert (links is None) == (owner is None)
+    if links is not None:
+        np.testing.assert_array_equal(links.forward(problem.waypoints), expected)
+
+
+def test_the_paper_s_problem_and_its_robot_share_their_frames():
+    paper = suite.load("six-axis")
+    tip = suite.robot("six-axis").forward(paper.waypoints)
+    np.testing.assert_array_equal(suite.chain(paper).forward(paper.waypoints), tip)
+    assert suite.chain(suite.load("random-smooth-j5-w3-00")) is None

@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
+import numpy as np
+
 from trajopt.benchmark.suites import (
     demands,
     edges,
@@ -30,6 +32,8 @@ from trajopt.benchmark.suites import (
 )
 from trajopt.benchmark.suites.suite import Suite
 from trajopt.core import built_in, files
+from trajopt.core.arrays import Array
+from trajopt.core.chain import Chain
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
 from trajopt.formats.motion import ENDINGS
@@ -149,6 +153,34 @@ def robot(name_or_path: str) -> Robot:
     if not path.is_file():
         raise UnknownName("robot", name_or_path, robot_files())
     return Robot.from_toml(path)
+
+
+def chain(problem: Problem) -> Chain | None:
+    """Return the link frames of a problem's joints; None where they are not known.
+
+    A problem without its own, as stored results have it, has those of the built-in robot with the
+    same velocity limits, and the same joint names where it has any.
+    """
+    if problem.chain is not None:
+        return problem.chain
+    velocity = problem.limits.in_all_segments(tightest=False).velocity
+    for names, own, links in _robots():
+        same_names = not names or problem.joint_names in ((), names)
+        if same_names and np.array_equal(own, velocity):
+            return links
+    return None
+
+
+@cache
+def _robots() -> list[tuple[tuple[str, ...], Array, Chain]]:
+    """Return joint names, velocity limits and link frames of each built-in robot that has some."""
+    paper = load(PAPER_PROBLEM)
+    found = [(paper.joint_names, paper.limits.velocity, robot(PAPER_PROBLEM).chain)]
+    arms = [robots.arm(name) for name in robots.arm_files()]
+    found += [
+        (own.joint_names, own.limits.velocity, own.chain) for own in arms if own.chain is not None
+    ]
+    return found
 
 
 def suites() -> dict[str, Suite]:

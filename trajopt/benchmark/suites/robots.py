@@ -52,6 +52,7 @@ def robot_problem(real: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
         source=f"{real.description}; data/robots/{real.name}.toml, version {VERSION}",
         joint_names=real.joint_names,
         joint_units=["rad"] * joints,
+        chain=real.chain,
     )
 
 

@@ -1,0 +1,228 @@
+"""Link frames: a chain of joints, and where each link is at given joint positions.
+
+A joint's frame lies on the link before it, by an origin as in a URDF, and the link after it turns
+about an axis of that frame, or slides along it. Modified Denavit–Hartenberg parameters (Craig) are
+the special case of an axis z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trajopt.core.arrays import Array, Bools
+from trajopt.core.exceptions import InvalidInput
+
+KEYS = ("xyz", "rpy", "axis", "tool_xyz", "tool_rpy")
+"""The keys of a chain in a robot's file; those of the tool are optional."""
+REQUIRED = KEYS[:3]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Joints one after another, from the base to the tool.
+
+    Attributes:
+        origins: Pose of each joint's frame in the frame of the joint before, of the first one's in
+            the base, where all joints are at 0; m, `(joints, 4, 4)`.
+        axes: Unit vectors in each joint's own frame, `(joints, 3)`.
+        slides: Which joints slide along their axes, `(joints,)`; the others turn about them.
+        tool: Pose of the tool in the last joint's frame, m, `(4, 4)`.
+    """
+
+    origins: Array
+    axes: Array
+    slides: Bools
+    tool: Array = field(default_factory=partial(np.eye, 4))
+
+    def __post_init__(self) -> None:
+        for key, value in vars(self).items():
+            array = np.array(value, dtype=bool if key == "slides" else float)
+            array.setflags(write=False)
+            object.__setattr__(self, key, array)
+
+    @property
+    def joints(self) -> int:
+        return len(self.axes)
+
+    def frames(self, q: Any) -> Array:
+        """Return the poses of all links and of the tool, m, `(…, joints + 1, 4, 4)`.
+
+        Args:
+            q: Joint positions, `(…, joints)`, rad (m); complex numbers give derivatives.
+        """
+        q = np.asarray(q)
+        steps = self.origins @ self._moves(q)
+        pose = np.broadcast_to(np.eye(4, dtype=steps.dtype), (*q.shape[:-1], 4, 4))
+        found = []
+        for joint in range(self.joints):
+            pose = pose @ steps[..., joint, :, :]
+            found.append(pose)
+        return np.stack([*found, pose @ self.tool], axis=-3)
+
+    def forward(self, q: Any) -> Array:
+        """Return the pose of the tool, m, `(…, 4, 4)`, at positions `(…, joints)`, rad (m)."""
+        return self.frames(q)[..., -1, :, :]
+
+    def _moves(self, q: Array) -> Array:
+        """Return what each joint's own motion does to its frame, `(…, joints, 4, 4)`.
+
+        A turn by the angle θ about the unit vector u is `1 + sin θ [u] + (1 − cos θ) [u]²`
+        (Rodrigues).
+        """
+        x, y, z = self.axes.T
+        zero = np.zeros_like(x)
+        cross = _matrix([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+        angle = np.where(self.slides, 0.0, q)[..., None, None]
+        moves = np.zeros((*q.shape, 4, 4), dtype=angle.dtype)
+        moves[..., :3, :3] = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        moves[..., :3, 3] = np.where(self.slides, q, 0.0)[..., None] * self.axes
+        moves[..., 3, 3] = 1.0
+        return moves
+
+    @classmethod
+    def modified_dh(cls, a: Array, alpha: Array, d: Array, theta: Array) -> Chain:
+        """Return the chain of turning joints by their modified Denavit–Hartenberg table (Craig).
+
+        Args:
+            a: `a_{i−1}` of each joint, m, `(joints,)`.
+            alpha: `α_{i−1}`, rad.
+            d: `d_i`, m.
+            theta: What is added to the joint's angle, rad.
+        """
+        c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+        zero, one = np.zeros(len(a)), np.ones(len(a))
+        rows = [
+            [c, -s, zero, a],
+            [s * ca, c * ca, -sa, -d * sa],
+            [s * sa, c * sa, ca, d * ca],
+            [zero, zero, zero, one],
+        ]
+        axes = np.tile([0.0, 0.0, 1.0], (len(a), 1))
+        return cls(_matrix(rows), axes, np.zeros(len(a), dtype=bool))
+
+    @classmethod
+    def read(cls, table: Mapping[str, Any], joints: int) -> Chain:
+        """Return the chain of turning joints that a robot's file states.
+
+        Args:
+            table: `xyz` (m), `rpy` (rad) and `axis`, three numbers per joint, as in the `<origin>`
+                and the `<axis>` of a URDF; and `tool_xyz`, `tool_rpy` where there is a tool.
+            joints: How many joints the robot has.
+
+        Raises:
+            InvalidInput: Names the key, the joint, the value, and what would be right.
+        """
+        xyz, rpy, axis = (_triples(f"chain.{key}", table.get(key), joints) for key in REQUIRED)
+        tool = np.eye(4)
+        if "tool_xyz" in table or "tool_rpy" in table:
+            own = [table.get(key, [0, 0, 0]) for key in KEYS[3:]]
+            at, turned = (_triples(key, [v], 1) for key, v in zip(KEYS[3:], own, strict=True))
+            tool = origin_poses(at, turned)[0]
+        return cls(
+            origin_poses(xyz, rpy), unit_axes("chain.axis", axis), np.zeros(joints, bool), tool
+        )
+
+
+class Frame(NamedTuple):
+    """A joint's frame in a robot that may branch.
+
+    Attributes:
+        before: Name of the joint on the way to the base that moves its link; None at the base.
+        origin: Pose in the frame of that joint, or in the base, m, `(4, 4)`.
+        axis: Unit vector in its own frame, `(3,)`.
+        slides: Whether it slides; else it turns.
+        tool: Pose of what is fixed behind it, in its own frame, m, `(4, 4)`.
+    """
+
+    before: str | None
+    origin: Array
+    axis: Array
+    slides: bool
+    tool: Array
+
+
+def frames_of(chain: Chain | None, names: Sequence[str]) -> dict[str, Frame]:
+    """Return the frames of a chain's joints by their names; none where there is no chain."""
+    if chain is None:
+        return {}
+    tools = [np.eye(4)] * (chain.joints - 1) + [chain.tool]
+    return {
+        name: Frame(before, *own)
+        for before, name, *own in zip(
+            (None, *names), names, chain.origins, chain.axes, chain.slides, tools, strict=False
+        )
+    }
+
+
+def chain_of(frames: Mapping[str, Frame], names: Sequence[str]) -> Chain | None:
+    """Return the chain of some joints; the others on their way to the base stay at 0.
+
+    None where a joint has no frame, or they do not follow one another in this order.
+    """
+    way: list[str] = []
+    name = names[-1] if names else None
+    while name is not None:
+        if name not in frames or name in way:
+            return None
+        way.insert(0, name)
+        name = frames[name].before
+    origins = []
+    pose = np.eye(4)
+    for name in way:
+        pose = pose @ frames[name].origin
+        if name in names:
+            origins.append(pose)
+            pose = np.eye(4)
+    if not names or [name for name in way if name in names] != list(names):
+        return None
+    own = [frames[name] for name in names]
+    axes = np.array([frame.axis for frame in own])
+    return Chain(np.array(origins), axes, np.array([f.slides for f in own]), own[-1].tool)
+
+
+def origin_poses(xyz: Array, rpy: Array) -> Array:
+    """Return poses `(…, 4, 4)` of origins as a URDF states them.
+
+    Args:
+        xyz: Positions, m, `(…, 3)`.
+        rpy: Turns about the fixed axes x, then y, then z, rad, `(…, 3)`.
+    """
+    (cx, cy, cz), (sx, sy, sz) = (np.moveaxis(own(rpy), -1, 0) for own in (np.cos, np.sin))
+    x, y, z = np.moveaxis(xyz, -1, 0)
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = [
+        [cy * cz, sx * sy * cz - cx * sz, cx * sy * cz + sx * sz, x],
+        [cy * sz, sx * sy * sz + cx * cz, cx * sy * sz - sx * cz, y],
+        [-sy, sx * cy, cx * cy, z],
+        [zero, zero, zero, one],
+    ]
+    return _matrix(rows)
+
+
+def unit_axes(key: str, axes: Array) -> Array:
+    """Return axes `(joints, 3)` of length 1; raise `InvalidInput` where one has none."""
+    sizes = np.linalg.norm(axes, axis=-1, keepdims=True)
+    for joint in np.flatnonzero(sizes == 0).tolist():
+        raise InvalidInput(key, "a direction", value=axes[joint].tolist(), joint=joint)
+    return axes / sizes
+
+
+def _triples(key: str, value: Any, joints: int) -> Array:
+    expected = f"three finite numbers per joint of {joints}"
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(key, expected, value=value) from None
+    if array.shape != (joints, 3) or not np.isfinite(array).all():
+        raise InvalidInput(key, expected, value=value)
+    return array
+
+
+def _matrix(rows: Sequence[Sequence[Any]]) -> Array:
+    """Return matrices `(…, rows, columns)` of their entries `(…)`."""
+    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
