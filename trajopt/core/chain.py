@@ -128,7 +128,7 @@ class Chain:
         )
 
 
-class Frame(NamedTuple):
+class JointFrame(NamedTuple):
     """A joint's frame in a robot that may branch.
 
     Attributes:
@@ -146,20 +146,20 @@ class Frame(NamedTuple):
     tool: Array
 
 
-def frames_of(chain: Chain | None, names: Sequence[str]) -> dict[str, Frame]:
+def frames_of(chain: Chain | None, names: Sequence[str]) -> dict[str, JointFrame]:
     """Return the frames of a chain's joints by their names; none where there is no chain."""
     if chain is None:
         return {}
     tools = [np.eye(4)] * (chain.joints - 1) + [chain.tool]
     return {
-        name: Frame(before, *own)
+        name: JointFrame(before, *own)
         for before, name, *own in zip(
             (None, *names), names, chain.origins, chain.axes, chain.slides, tools, strict=False
         )
     }
 
 
-def chain_of(frames: Mapping[str, Frame], names: Sequence[str]) -> Chain | None:
+def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> Chain | None:
     """Return the chain of some joints; the others on their way to the base stay at 0.
 
     None where a joint has no frame, or they do not follow one another in this order.

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.core.chain import Frame
+from trajopt.core.chain import JointFrame
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
 from trajopt.core.keys import note
 from trajopt.core.limits import LIMIT_NAMES, Limit, LimitName, Limits, named
@@ -66,7 +66,7 @@ class RobotLimits:
     unsound: Mapping[str, InvalidInput] = field(default_factory=dict)
     continuous: frozenset[str] = frozenset()
     completed: frozenset[str] = frozenset()
-    frames: Mapping[str, Frame] = field(default_factory=dict)
+    frames: Mapping[str, JointFrame] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

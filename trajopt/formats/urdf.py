@@ -32,7 +32,7 @@ import numpy as np
 
 from trajopt.core import files, keys, numerals
 from trajopt.core.arrays import Array
-from trajopt.core.chain import Frame, origin_poses, unit_axes
+from trajopt.core.chain import JointFrame, origin_poses, unit_axes
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.keys import Key, Keys
 from trajopt.core.limits import FallingVelocity, LimitName
@@ -196,14 +196,14 @@ def _robot(root: Element, source: str) -> RobotLimits:
     )
 
 
-def _frames(root: Element, moving: Collection[str]) -> dict[str, Frame]:
+def _frames(root: Element, moving: Collection[str]) -> dict[str, JointFrame]:
     """Return the frames of the joints that move, by name; a joint that is not sound has none."""
     above: dict[str, Element] = {}
     below: dict[str, list[Element]] = {}
     for joint in root.iterfind("joint"):
         above.setdefault(_link(joint, "child"), joint)
         below.setdefault(_link(joint, "parent"), []).append(joint)
-    found: dict[str, Frame] = {}
+    found: dict[str, JointFrame] = {}
     for joint in above.values():
         name = joint.get("name", "")
         if name not in moving or name in found:
@@ -214,7 +214,7 @@ def _frames(root: Element, moving: Collection[str]) -> dict[str, Frame]:
             tool = _behind(joint, below, moving)
         except InvalidInput:
             continue
-        found[name] = Frame(before, origin, axis, joint.get("type") == "prismatic", tool)
+        found[name] = JointFrame(before, origin, axis, joint.get("type") == "prismatic", tool)
     return found
 
 
