@@ -9,7 +9,7 @@ import pinocchio
 import pytest
 
 from trajopt.core import arm_file
-from trajopt.core.chain import Chain, chain_of
+from trajopt.core.chain import LinkChain, chain_of
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, urdf, waypoints
@@ -103,7 +103,7 @@ def test_only_the_arm_whose_frames_nobody_publishes_has_none():
 
 def test_franka_s_and_universal_robots_published_tables():
     """Modified parameters of the FCI documentation; standard ones of the UR5e's page."""
-    franka = Chain.modified_dh(
+    franka = LinkChain.modified_dh(
         np.array([0, 0, 0, 0.0825, -0.0825, 0, 0.088]),
         HALF * np.array([0, -1, 1, 1, -1, 1, 1]),
         np.array([0.333, 0, 0.316, 0, 0.384, 0, 0]),
@@ -214,4 +214,4 @@ def test_a_problem_has_the_frames_of_its_robot(tmp_path):
 def test_a_wrong_chain_is_refused(key, value, message):
     table = tomllib.loads(arm_file.arm_files()["ur5e"].read_text(encoding="utf-8"))["chain"]
     with pytest.raises(InvalidInput, match=message):
-        Chain.read(table | {key: value}, 6)
+        LinkChain.read(table | {key: value}, 6)

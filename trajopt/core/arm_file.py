@@ -38,7 +38,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from trajopt.core import built_in, chain, files
-from trajopt.core.chain import Chain
+from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.limits import KINDS, Limit, Limits
 from trajopt.core.tables import check_joint_names, is_list
@@ -91,7 +91,7 @@ class Arm:
     joint_names: tuple[str, ...]
     limits: Limits
     origins: Mapping[str, LimitOrigin]
-    chain: Chain | None = None
+    chain: LinkChain | None = None
     chain_origin: LimitOrigin | None = None
 
 
@@ -131,7 +131,7 @@ def _arm(table: Mapping[str, Any]) -> Arm:
         joint_names=tuple(names),
         limits=limits,
         origins={key: _origin(key, table[key]) for key in given},
-        chain=None if stated is None else Chain.read(stated, limits.joints),
+        chain=None if stated is None else LinkChain.read(stated, limits.joints),
         chain_origin=None if stated is None else _origin("chain", stated),
     )
 

@@ -23,7 +23,7 @@ REQUIRED = KEYS[:3]
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class LinkChain:
     """Joints one after another, from the base to the tool.
 
     Attributes:
@@ -85,7 +85,7 @@ class Chain:
         return moves
 
     @classmethod
-    def modified_dh(cls, a: Array, alpha: Array, d: Array, theta: Array) -> Chain:
+    def modified_dh(cls, a: Array, alpha: Array, d: Array, theta: Array) -> LinkChain:
         """Return the chain of turning joints by their modified Denavit–Hartenberg table (Craig).
 
         Args:
@@ -106,7 +106,7 @@ class Chain:
         return cls(_matrix(rows), axes, np.zeros(len(a), dtype=bool))
 
     @classmethod
-    def read(cls, table: Mapping[str, Any], joints: int) -> Chain:
+    def read(cls, table: Mapping[str, Any], joints: int) -> LinkChain:
         """Return the chain of turning joints that a robot's file states.
 
         Args:
@@ -146,7 +146,7 @@ class JointFrame(NamedTuple):
     tool: Array
 
 
-def frames_of(chain: Chain | None, names: Sequence[str]) -> dict[str, JointFrame]:
+def frames_of(chain: LinkChain | None, names: Sequence[str]) -> dict[str, JointFrame]:
     """Return the frames of a chain's joints by their names; none where there is no chain."""
     if chain is None:
         return {}
@@ -159,7 +159,7 @@ def frames_of(chain: Chain | None, names: Sequence[str]) -> dict[str, JointFrame
     }
 
 
-def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> Chain | None:
+def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain | None:
     """Return the chain of some joints; the others on their way to the base stay at 0.
 
     None where a joint has no frame, or they do not follow one another in this order.
@@ -182,7 +182,7 @@ def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> Chain | 
         return None
     own = [frames[name] for name in names]
     axes = np.array([frame.axis for frame in own])
-    return Chain(np.array(origins), axes, np.array([f.slides for f in own]), own[-1].tool)
+    return LinkChain(np.array(origins), axes, np.array([f.slides for f in own]), own[-1].tool)
 
 
 def origin_poses(xyz: Array, rpy: Array) -> Array:

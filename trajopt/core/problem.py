@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from trajopt.core import problem_file
 from trajopt.core.arrays import Array, Bools, Indices
-from trajopt.core.chain import Chain
+from trajopt.core.chain import LinkChain
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.limits import Limits
@@ -50,7 +50,7 @@ class Problem:
     source: str = ""
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
-    chain: Chain | None = None
+    chain: LinkChain | None = None
     route: ClassVar[Route]  # of the waypoints and demands
 
     def __init__(
@@ -62,7 +62,7 @@ class Problem:
         joint_names: Sequence[str] = (),
         joint_units: Sequence[str] = (),
         demands: Mapping[str, Any] = NOTHING,
-        chain: Chain | None = None,
+        chain: LinkChain | None = None,
         **by_key: Any,
     ) -> None:
         for key in by_key:
@@ -97,7 +97,7 @@ class Problem:
         source: str,
         joint_names: tuple[str, ...],
         joint_units: tuple[str, ...],
-        chain: Chain | None,
+        chain: LinkChain | None,
     ) -> None:
         """Set every attribute, without a check."""
         self.__dict__.update(

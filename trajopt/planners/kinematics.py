@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from trajopt.core import files
 from trajopt.core.arrays import Array
-from trajopt.core.chain import Chain
+from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -75,9 +75,9 @@ class Robot:
         return len(self.a)
 
     @cached_property
-    def chain(self) -> Chain:
+    def chain(self) -> LinkChain:
         """Return the link frames."""
-        return Chain.modified_dh(self.a, self.alpha, self.d, self.theta)
+        return LinkChain.modified_dh(self.a, self.alpha, self.d, self.theta)
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Robot:

@@ -33,7 +33,7 @@ from trajopt.benchmark.suites import (
 from trajopt.benchmark.suites.suite import Suite
 from trajopt.core import built_in, files
 from trajopt.core.arrays import Array
-from trajopt.core.chain import Chain
+from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
 from trajopt.formats.motion import ENDINGS
@@ -155,7 +155,7 @@ def robot(name_or_path: str) -> Robot:
     return Robot.from_toml(path)
 
 
-def chain(problem: Problem) -> Chain | None:
+def chain(problem: Problem) -> LinkChain | None:
     """Return the link frames of a problem's joints; None where they are not known.
 
     A problem without its own, as stored results have it, has those of the built-in robot with the
@@ -172,7 +172,7 @@ def chain(problem: Problem) -> Chain | None:
 
 
 @cache
-def _robots() -> list[tuple[tuple[str, ...], Array, Chain]]:
+def _robots() -> list[tuple[tuple[str, ...], Array, LinkChain]]:
     """Return joint names, velocity limits and link frames of each built-in robot that has some."""
     paper = load(PAPER_PROBLEM)
     found = [(paper.joint_names, paper.limits.velocity, robot(PAPER_PROBLEM).chain)]
