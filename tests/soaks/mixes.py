@@ -1,7 +1,8 @@
 """Is an answer to mixed demands certified, monotone, and as short as the parts of its motion?
 
-    python tests/soak.py mixes           # 1000 problems, hours on a core
-    python tests/soak.py mixes --quick   # 6 problems
+    python tests/soak.py mixes                 # 1000 problems, hours on a core
+    python tests/soak.py mixes --first 5000    # others
+    python tests/soak.py mixes --quick         # 6 problems
 
 Random problems ask for two to five things at once: tolerances that may overlap, least or given
 times, waits, a loop, states in motion at either end, limits per segment; every other one has jerk
@@ -12,12 +13,16 @@ limits. Three relations are checked:
 - The motion is cut in its own state: at a random instant, at a controller's cycle, a millisecond
   after its start and before its end. Each part is planned anew, and takes no longer than it took.
 
-Exit code 1 if a relation does not hold.
+Each row of `mixes-rows.csv` is written when it is known, so a run that is stopped has lost nothing;
+after Ctrl-C its summary follows. Exit code 1 if a relation does not hold.
 """
 
 from __future__ import annotations
 
+import csv
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,14 +93,14 @@ def checks(seed: int) -> Iterator[Check]:
         "a cycle after the start": CYCLE_S,
         "a cycle before the end": motion.duration - CYCLE_S,
     }
-    for words, time in cuts.items():
-        if np.abs(motion.waypoint_times - time).min() < 1e-6 or not 0 < time < motion.duration:
+    for words, at in cuts.items():
+        if np.abs(motion.waypoint_times - at).min() < 1e-6 or not 0 < at < motion.duration:
             continue
         try:
-            parts = mixes.halves(whole, motion, time)
+            parts = mixes.halves(whole, motion, at)
         except InvalidInput:  # a part that stands still is no problem
             continue
-        for part, own in zip(parts, (time, motion.duration - time), strict=True):
+        for part, own in zip(parts, (at, motion.duration - at), strict=True):
             yield f"cut {words}", part.name, solved(part)[1] / own - 1
 
 
@@ -109,11 +114,49 @@ def wider(problem: Problem) -> Iterator[tuple[str, Problem]]:
         yield key, replace(problem, limits=problem.limits.widened(key, None, WIDER - 1))
 
 
-def main(problems: int = 1000, output: Path = Path("results/mixes"), quick: bool = False) -> None:
-    """Check every relation on each problem, 6 at most if `quick`; write the table and print it."""
-    problems = min(problems, 6) if quick else problems
-    say(f"{problems} problems in all")
-    rows = [check for seed in range(problems) for check in checks(seed)]
-    found = pd.DataFrame(rows, columns=["family", "problem", "excess"])
+def answered(seed: int) -> Iterator[Check]:
+    """Yield every check of a problem; an error is one that does not hold."""
+    try:
+        yield from checks(seed)
+    except Exception as error:  # whatever it is, the other problems count
+        yield "no error", f"mix-{seed}: {error!r:.200}", np.inf
+
+
+def written(file: Path, seeds: range) -> None:
+    """Write a row per check as soon as it is known, with the CPU time that it took, s."""
+    with file.open("w", newline="", encoding="utf-8") as open_file:
+        rows = csv.writer(open_file)
+        rows.writerow(["family", "problem", "excess", "cpu_s"])
+        for seed in seeds:
+            limits = f"with{'' if drawn(seed).has('jerk') else 'out'} jerk limits"
+            began = time.process_time()
+            for relation, problem, excess in answered(seed):
+                now = time.process_time()
+                rows.writerow([f"{relation}, {limits}", problem, excess, f"{now - began:.3g}"])
+                open_file.flush()
+                began = now
+
+
+def main(
+    problems: int = 1000,
+    first: int = 0,
+    output: Path = Path("results/mixes"),
+    quick: bool = False,
+) -> None:
+    """Check every relation on each problem, and print how often each holds.
+
+    Args:
+        problems: How many; 6 at most if `quick`.
+        first: The seed of the first one.
+        output: Folder of the tables.
+        quick: Few problems.
+    """
+    count = min(problems, 6) if quick else problems
+    say(f"{count} problems in all")
+    output.mkdir(parents=True, exist_ok=True)
+    file = output / "mixes-rows.csv"
+    with suppress(KeyboardInterrupt):
+        written(file, range(first, first + count))
+    found = pd.read_csv(file).sort_values("family", kind="stable")
     broken = ~(found["excess"] <= THEOREM)
     soak_report.conclude(found, broken, output / "mixes")
