@@ -1,0 +1,62 @@
+"""The second method: closed forms, and iterates that IPOPT does not call converged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration.planner import Passing
+from baselines.exact.jerk.motion import Reachable
+from baselines.exact.method import free_pieces
+from baselines.exact.method.free_pieces import minimised
+from baselines.ipopt import Run
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
+
+WAYPOINTS = [[0.0], [1.0], [2.0]]
+
+
+def duration(problem: Problem, *factors: float) -> float:
+    """Return the duration that the second method finds, s; guesses are factors of stopping."""
+    scaled = Reachable(problem) if problem.has("jerk") else Passing(problem)
+    found = [minimised(scaled, factor * scaled.stop) for factor in factors or (1.0,)]
+    return scaled.unit * min(own.times.sum() for own in found if own is not None)
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        (Limits([10], [0.5]), 4.0),  # 2 √(h/A): it speeds up and brakes
+        (Limits([0.5], [1.0]), 4.5),  # h/V + V/A: and cruises
+        (Limits([10], [10], [1.0]), 4.0),  # ∛(32 h/J)
+    ],
+)
+def test_along_a_line_waypoints_cost_no_time(limits: Limits, expected: float) -> None:
+    assert duration(Problem(WAYPOINTS, limits)) == pytest.approx(expected, rel=1e-8)
+
+
+def test_states_in_motion_are_kept() -> None:
+    """(2 V − u − w) / A and the cruise: it begins and ends at half its speed."""
+    problem = Problem(WAYPOINTS, Limits([1.0], [1.0]), start_velocity=[0.5], end_velocity=[0.5])
+    assert duration(problem) == pytest.approx(1.0 + (2.0 - 2 * 0.375), rel=1e-8)
+
+
+def test_a_tolerance_shortens_the_way() -> None:
+    """Out and back, turning 0.1 rad earlier: from 2 √(2 h/A) twice, at rest in the turn."""
+    turn = Problem([[0.0], [1.0], [0.0]], Limits([10.0], [1.0]), tolerance=[0.1])
+    # it speeds up over a quarter of the way and turns with full acceleration: 4 √(h/A)
+    assert duration(turn, 1.0, 0.7) == pytest.approx(4 * np.sqrt(0.9), rel=1e-7)
+
+
+def test_an_iterate_that_has_not_converged_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its duration is known long before IPOPT's tolerances are met; the judge decides about it."""
+    build = free_pieces._solver
+
+    def unconverged(*size: int) -> Callable[..., Run]:
+        return lambda **data: replace(build(*size)(**data), success=False)
+
+    monkeypatch.setattr(free_pieces, "_solver", unconverged)
+    assert duration(Problem(WAYPOINTS, Limits([10], [0.5]))) == pytest.approx(4.0, rel=1e-8)
