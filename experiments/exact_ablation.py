@@ -56,9 +56,10 @@ def _out(place: str, instead: Callable[..., Any] = _nothing) -> Variant:
 
 def _scaled(name: str, place: str) -> dict[str, Variant]:
     def times(factor: float) -> Callable[[Any], Any]:
-        return lambda old: (
-            type(old)(old * factor) if np.ndim(old) == 0 else tuple(factor * np.array(old))
-        )
+        def one(old: float) -> float:
+            return type(old)(max(1, old * factor) if isinstance(old, int) else old * factor)
+
+        return lambda old: one(old) if np.ndim(old) == 0 else tuple(map(one, old))
 
     return {f"{name}, {word}": {place: times(k)} for word, k in (("halved", 0.5), ("doubled", 2.0))}
 

@@ -5,10 +5,10 @@ of a part of an optimal motion there may be no inside: each joint's states just 
 end leave it one motion. And where tolerances meet states in motion, a guess may lead to another
 local optimum.
 
-Here every joint passes each segment in `PIECES` pieces of constant jerk, or acceleration where jerk
-is not limited, as long as it likes. Every optimum can be written so. At first waypoints may be
-missed, at a cost, so no guess is impossible; then they are met. The planner makes the motion of the
-times and states that are found.
+Here every joint passes each segment in a few pieces of constant acceleration, or of constant jerk
+where any is limited, as long as it likes. Every optimum can be written so. At first waypoints may
+be missed, at a cost, so no guess is impossible; then they are met. The planner makes the motion of
+the times and states that are found.
 
 The velocity on a piece is a quadratic. It stays between its ends and `v + a d/2`, the Bernstein
 coefficient between them; with a break at its peak nothing is lost.
@@ -28,7 +28,8 @@ from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import backend
 
-PIECES = 8
+# Pieces of a joint in a segment without jerk limits (it speeds up, cruises and brakes), and with any.
+PIECES = (3, 8)
 # Shares of the limits that are left to rounding, the next where one is not enough.
 SPARES = (0.0, 1e-12, 1e-10, 1e-8)
 # Guesses of the segment times: shares of those at the velocity limits, of their mean, and of those
@@ -96,6 +97,7 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     """
     segments, joints = scaled.h.shape
     jerky = scaled.r.max(axis=(0, 1)) > 0
+    pieces = PIECES[int(jerky.any())]
     with np.errstate(divide="ignore"):
         steepest = np.array([[[-1.0]], [[1.0]]]) / scaled.r
     # units in which what is reached in a segment is of order one: of time, of each joint's way
@@ -110,12 +112,12 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     def by_piece(limits: Array) -> Array:
         """Return limits of segments as those of their pieces, `(2, pieces, joints)`."""
         whole = np.broadcast_to(limits, (2, segments, joints))
-        return np.array(np.repeat(whole, PIECES, axis=1))
+        return np.array(np.repeat(whole, pieces, axis=1))
 
     v, a = by_piece(rate * scaled.v), by_piece(bend * scaled.a)
     jerk = np.where(jerky, by_piece(unit**3 / way * steepest), 0.0)
     v_at_start, a_at_start = v.copy(), a.copy()
-    at_waypoints, at_ends = slice(PIECES, None, PIECES), slice(PIECES - 1, None, PIECES)
+    at_waypoints, at_ends = slice(pieces, None, pieces), slice(pieces - 1, None, pieces)
     v_at_start[:, at_waypoints] = rate * scaled.waypoint_v
     a_at_start[:, at_waypoints] = np.where(jerky, bend * scaled.waypoint_a, a[:, at_waypoints])
     v_at_start[:, 0] = rate * scaled.end_v[0]
@@ -125,7 +127,7 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     box = scaled.tolerance / way
     least = np.maximum(scaled.shortest * (not box.any()), scaled.least) / unit
     shares = times / unit
-    lengths = np.repeat(shares[:, None] / PIECES, PIECES, axis=0) * np.ones_like(a[0])
+    lengths = np.repeat(shares[:, None] / pieces, pieces, axis=0) * np.ones_like(a[0])
     still = np.zeros_like(lengths)
     missing = np.zeros((2 * segments, joints))
     low = flat(least, still, v_at_start[0], a_at_start[0], jerk[0], -box, missing)
@@ -134,12 +136,12 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     if np.any(low > high):
         return None
     h = scaled.h / way
-    mean = np.repeat(h / shares[:, None], PIECES, axis=0)
+    mean = np.repeat(h / shares[:, None], pieces, axis=0)
     guess = flat(shares, lengths, mean, still, still, 0 * box, missing + _MISSING)
     exact = flat(*longest, v_at_start[1], a_at_start[1], jerk[1], box, missing)
     answer = None
     for most in (high, exact):  # the second begins at the answer of the first
-        run = _solver(segments, joints)(
+        run = _solver(segments, joints, pieces)(
             start=np.clip(guess, low, most),
             parameters=flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:]),
             bounds=(low, most),
@@ -164,11 +166,11 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
 
 
 @cache
-def _solver(segments: int, joints: int) -> Program:
+def _solver(segments: int, joints: int, pieces: int) -> Program:
     """Return the program for all problems of this size, built once; its data are parameters."""
     ca = backend("casadi")
     most = min(_MOST_ITERATIONS, _ITERATIONS_CELLS // (segments * joints))
-    count = segments * PIECES
+    count = segments * pieces
 
     def table(rows: int) -> Any:
         return ca.MX.sym("table", rows, joints)
@@ -177,7 +179,7 @@ def _solver(segments: int, joints: int) -> Program:
     lengths, velocity, acceleration, jerk = (table(count) for _ in range(4))
     offset = table(segments - 1)
     h, end_v, end_a = table(segments), table(1), table(1)
-    of_segments = np.repeat(np.eye(segments), PIECES, axis=0).T
+    of_segments = np.repeat(np.eye(segments), pieces, axis=0).T
     d = lengths
     after_v = velocity + d * (acceleration + d * jerk / 2)
     after_a = acceleration + d * jerk
@@ -200,7 +202,7 @@ def _solver(segments: int, joints: int) -> Program:
             after_a - next_a,
             after_a,
             velocity + d * acceleration / 2,
-            after_v[PIECES - 1 :: PIECES, :],
+            after_v[pieces - 1 :: pieces, :],
         ],
         options={**_OPTIONS, "max_iter": most},
     )
