@@ -156,8 +156,10 @@ def _freely(
 ) -> Solution:
     def optimum(scaled: Passing, found: FreeOptimum) -> LocalOptimum:
         near = scaled.tolerance.any()
-        states = (found.velocity, found.offset) if near else found.velocity
-        return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
+        whole = scaled.shifted(found.offset) if near else scaled
+        times, velocity = instants.sharpened(whole, found.times, found.velocity)
+        states = (velocity, found.offset) if near else velocity
+        return LocalOptimum(float(times.sum()), times, states, "Converged")
 
     scales = [Passing(problem, passing) for _ in free_pieces.SPARES]
     return planner.freely(problem, scales, optimum, below)

@@ -28,7 +28,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import backend
 
-# Pieces of a joint in a segment without jerk limits (it speeds up, cruises and brakes), and with any.
+# Pieces of a joint in a segment where no jerk is limited (it speeds up, cruises, brakes), and else.
 PIECES = (3, 8)
 # Shares of the limits that are left to rounding, the next where one is not enough.
 SPARES = (0.0, 1e-12, 1e-10, 1e-8)
@@ -161,7 +161,7 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
         unit * found,
         velocity[at_waypoints] / rate,
         jerky * acceleration[at_waypoints] / bend,
-        way * offset,
+        np.clip(way * offset, -scaled.tolerance, scaled.tolerance),  # IPOPT moves bounds by 2e-12
     )
 
 
