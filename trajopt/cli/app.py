@@ -62,6 +62,10 @@ _COMMANDS = {
         "judge:judge",
         "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
     ),
+    "race": (
+        "race:race",
+        "Show motions of planners side by side on one clock, as a page.",
+    ),
     "prove": ("prove:prove", "Prove a lower bound on the minimum time."),
     "front": (
         "front:front",

@@ -35,6 +35,7 @@ from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
+from trajopt.views.figures.shown_motion import ShownMotion
 from trajopt.views.figures.style import KNOWN, SPOKEN, headline, text
 
 if TYPE_CHECKING:
@@ -319,19 +320,24 @@ def _overlay(trials: Sequence[Trial], order: Sequence[str]) -> Iterator[Picture]
     """Yield the motions of a few planners and the optimum on one time axis."""
     from trajopt.views.figures import overlay
 
+    shown = shown_motions(trials)
+    if len(shown) > 1:
+        yield "overlay", partial(overlay.overlay, trials[0].problem, shown, order)
+
+
+def shown_motions(trials: Sequence[Trial], *, every: bool = False) -> list[ShownMotion]:
+    """Return the optimum and the median motions of a few planners, or of every one, by duration."""
     medians = _medians(trials)
     optimum, name = _optimum(trials)
+    chosen = sorted(medians, key=_duration) if every else _telling(medians)
     shown = [
-        overlay.ShownMotion(
-            trial.label, SPOKEN.get(trial.label, trial.label), trial.certified_trajectory
-        )
-        for trial in _telling(medians)
+        ShownMotion(trial.label, SPOKEN.get(trial.label, trial.label), trial.certified_trajectory)
+        for trial in chosen
         if trial.certified_trajectory is not None and trial.planner not in REFERENCES
     ]
     if optimum is not None:
-        shown.insert(0, overlay.ShownMotion("exact", name, optimum))
-    if len(shown) > 1:
-        yield "overlay", partial(overlay.overlay, trials[0].problem, shown, order)
+        shown.insert(0, ShownMotion("exact", name, optimum))
+    return shown
 
 
 def _telling(medians: Sequence[Trial]) -> list[Trial]:
@@ -383,7 +389,9 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     problem = trials[0].problem
     for reference in references(trials).values():
         if reference.recorded:
-            return records.answer(problem).trajectory, "best known"
+            record = records.find(problem)
+            name = "optimum" if record is not None and record.closed else "best known"
+            return records.answer(problem).trajectory, name
     answered = []
     for trial in trials:
         if trial.planner in REFERENCES and trial.claimed_duration:

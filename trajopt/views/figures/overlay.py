@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import wrap
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from trajopt.core.problem import Problem
-from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures.explanation import highest_use
 from trajopt.views.figures.plots import Look, Picture, planner_look, styled
 from trajopt.views.figures.sampling import curve
+from trajopt.views.figures.shown_motion import ShownMotion as ShownMotion
 from trajopt.views.figures.style import text
 
 WIDTH_IN = 5.6  # narrow, so that its texts are legible on a phone
@@ -29,20 +28,6 @@ TITLE_CHARACTERS = 66  # as many as surely fit the figure's width
 CUT_OFF = 3.0  # times the shortest duration; slower motions are cut off, and say so by an arrow
 EDGE = 1.3  # times the longest duration that is not cut off
 FULL = 105.0  # %, of the axis of used limits
-
-
-class ShownMotion(NamedTuple):
-    """A motion that is shown.
-
-    Attributes:
-        planner: Whose look it has.
-        name: As it is labelled.
-        trajectory: Within the limits.
-    """
-
-    planner: str
-    name: str
-    trajectory: Trajectory
 
 
 @styled

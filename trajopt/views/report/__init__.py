@@ -19,9 +19,9 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.views.analysis.pairwise import TIE_DIGITS
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.searches import TARGETS
+from trajopt.views.packing import as_text, packed_json
 from trajopt.views.report import content, rivals, suite_curves
 from trajopt.views.report import panels as motions
-from trajopt.views.report.packing import as_text, packed_json
 
 try:
     import jinja2

@@ -18,8 +18,8 @@ from trajopt.views.analysis.versions import by_label
 from trajopt.views.figures.draw import median_run
 from trajopt.views.figures.sampling import both_sides
 from trajopt.views.figures.style import QUANTITIES
+from trajopt.views.packing import rounded
 from trajopt.views.report import suite_curves
-from trajopt.views.report.packing import rounded
 
 POINTS = 200
 LONGEST = 3  # number of intervals at a limit that are named

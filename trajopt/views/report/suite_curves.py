@@ -18,9 +18,9 @@ from trajopt.views.analysis.overview import competing, measured
 from trajopt.views.analysis.pairwise import medians, paired_tests, pairs_by_problem, shortest
 from trajopt.views.analysis.searches import Histories, over_best, running_times
 from trajopt.views.figures import sampling
+from trajopt.views.packing import rounded
 from trajopt.views.report import rivals
 from trajopt.views.report.content import Page, limit_kinds, suites_of
-from trajopt.views.report.packing import rounded
 
 Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 

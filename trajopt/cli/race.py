@@ -1,0 +1,73 @@
+"""`trajopt race`: motions of several planners side by side on one clock, as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from trajopt import comparison
+from trajopt.benchmark.run.processes import cpus
+from trajopt.benchmark.trial import Trial
+from trajopt.cli import asked, console
+from trajopt.cli.asked import NO_FLAGS, RobotFlags
+from trajopt.cli.parameters import Force, ProblemName, Running, Writing, whole_number
+from trajopt.cli.plan import check_target
+from trajopt.core.exceptions import shortened
+from trajopt.explain.references import REFERENCES
+from trajopt.views import race as page
+from trajopt.views.analysis.versions import by_label
+from trajopt.views.figures.draw import LOOKED_FOR, median_run, shown_motions
+
+_REASON_LENGTH = 200  # characters
+
+
+def race(
+    problem: ProblemName,
+    *planners: str,
+    robot: RobotFlags = NO_FLAGS,
+    seeds: Annotated[
+        Running[int], whole_number("Runs of each stochastic planner; the median is shown.", least=1)
+    ] = 1,
+    out: Writing[Path] = Path("race.html"),
+    force: Force = False,
+    output: Writing[Path] = Path("results"),
+) -> int:
+    """Show motions of planners side by side on one clock, as a page that needs no network.
+
+    The optimum, or the best known motion, is the first of them.
+
+    Args:
+        planners: Beside the optimum; by default toppra, ruckig-stop and issa.
+        out: The page.
+        output: Folder of the planners' trials.
+    """
+    check_target(out, force=force)
+    loaded = asked.problem(problem, robot, scaled=True)
+    results = comparison.compare(
+        [loaded],
+        planners or LOOKED_FOR,
+        output,
+        seeds=seeds,
+        jobs=cpus(),
+        progress=console.progress_line(),
+    )
+    motions = shown_motions(results.items, every=True)
+    reasons = list(_absent(results.items))
+    for reason in reasons:
+        console.paragraph(reason)
+    if not motions:
+        return 1
+    page.write(loaded, motions, out, notes=reasons)
+    for motion in motions:
+        console.line(f"{motion.trajectory.duration:.4f} s  {motion.name}")
+    console.line(f"race: {out} ({out.stat().st_size / 1000:.0f} kB)")
+    return 0
+
+
+def _absent(trials: Sequence[Trial]) -> Iterator[str]:
+    """Yield why planners are not in the race."""
+    for label, runs in by_label(trials).items():
+        if median_run(runs) is None and runs[0].planner not in REFERENCES:
+            reason = shortened(runs[0].message or "", _REASON_LENGTH)
+            yield f"{label} has no motion here ({runs[0].status.value}): {reason}"
