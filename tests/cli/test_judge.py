@@ -57,6 +57,25 @@ def test_a_feasible_motion_is_told_with_its_figure(run, tmp_path):
     assert (tmp_path / "results/judge/p-slow.csv.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize(
+    ("motion", "code", "said"),
+    [
+        ("slow.csv", 0, "<b>slow.csv</b><span>2.00 s"),
+        ("fast.csv", 1, "It breaks a limit: it uses 400 % of it."),
+    ],
+)
+def test_a_motion_races_the_optimum(run, tmp_path, motion, code, said):
+    ended, out, _ = run(f"judge {motion} p.toml --race race.html")
+    assert ended == code
+    assert "race: race.html" in out
+    page = (tmp_path / "race.html").read_text(encoding="utf-8")
+    assert "<b>optimum</b><span>2.00 s" in page
+    assert said in page
+    ended, _, err = run(f"judge {motion} p.toml --race race.html")
+    assert ended == 2
+    assert "--race is race.html: expected a file that is not there yet" in err
+
+
 def test_an_infeasible_motion_ends_with_1_and_says_what_mends_it(run):
     code, out, _ = run("judge fast.csv p.toml")
     assert code == 1

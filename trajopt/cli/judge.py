@@ -34,15 +34,18 @@ from trajopt.cli.parameters import (
 )
 from trajopt.cli.plan import check_target, print_durations, print_smoothness, print_worst
 from trajopt.cli.starting import BrakeFirst, print_braking
+from trajopt.core.problem import Problem
 from trajopt.formats.motion import ARRAYS, TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judgement import Execution, Judgement
 from trajopt.judging.ends import Standing
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
+from trajopt.views import race as page
 from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Target
 from trajopt.views.figures import draw
+from trajopt.views.figures.shown_motion import ShownMotion
 
 _LEAST_DOUBT = 1e-3  # s: a motion that is known exactly has none to speak of
 _ADVICE = {
@@ -71,6 +74,7 @@ def judge(
     ] = False,
     out: LogOut = None,
     force: Force = False,
+    race: Writing[Path | None] = None,
     output: Writing[Path] = Path("results/judge"),
     json: Json = False,
 ) -> int:
@@ -84,6 +88,7 @@ def judge(
     that passes the waypoints is broken (1) only if that is proved, as `trajopt verify` says.
 
     Args:
+        race: Write a page with the motion beside the optimum on one clock.
         output: Folder for the figure.
     """
     if Path(problem).suffix not in ENDINGS and motion.suffix in (*TABLES, *ARRAYS):
@@ -91,6 +96,8 @@ def judge(
         robot = replace(robot, unit=None)
     asked.check_motion_unit(motion_unit, [motion], "--motion-unit")
     check_log_out(out, force=force)
+    if race is not None:
+        check_target(race, force=force, key="--race")
     loaded = asked.problem(problem, robot, scaled=scaled)
     with asked.reading_motion(motion):
         found = judgement.judge(
@@ -112,6 +119,8 @@ def judge(
         below = f"{-100 * told.gap:.6f} % below the best known optimum"
         console.warn_of_bug(f"{told.motion.name} on {told.problem.name} is {below}")
     code = 1 if found.broken or found.certificate.flaws else 0
+    if race is not None:
+        page.write(*_racing(told), race)
     if json:
         write_log_motion(out, found, quiet=True)
         console.print_json(found.as_dict())
@@ -132,8 +141,23 @@ def judge(
     with console.waiting("drawing the figure"):
         figure = draw.judged(found, output)
     console.line(f"figure: {figure}")
+    if race is not None:
+        console.line(f"race: {race}")
     write_log_motion(out, found)
     return code
+
+
+def _racing(told: Judgement) -> tuple[Problem, list[ShownMotion]]:
+    """Return the problem, and the motion as it was executed beside the optimum where one is known.
+
+    A motion that breaks a limit shows by how much: its bars are full before it is slowed down.
+    """
+    motions = [ShownMotion(told.motion.name, told.motion.name, told.executed)]
+    explained = told.explanation
+    optimum = None if explained is None else explained.optimum
+    if optimum is not None:
+        motions.insert(0, ShownMotion("exact", "optimum", optimum))
+    return told.problem, motions
 
 
 def _unlike(told: Judgement, found: Judgement) -> str:

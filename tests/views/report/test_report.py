@@ -26,9 +26,9 @@ from trajopt.formats.motion import motion
 from trajopt.judgement import GivenMotion
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
-from trajopt.views import report, table_cells
+from trajopt.views import packing, report, table_cells
 from trajopt.views.analysis.searches import histories
-from trajopt.views.report import content, origin, packing, rivals, suite_curves
+from trajopt.views.report import content, origin, rivals, suite_curves
 from trajopt.views.report import panels as motions
 from trajopt.views.results import Results
 

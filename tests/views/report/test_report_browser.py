@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import base64
 import itertools
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,15 +38,6 @@ PLANNERS = ("toppra", "unoptimised", "pso:iterations=20")
 STIFF = Problem([[0.0], [1.0]], Limits([1.0], [1.0], [2.0]), "stiff")
 
 Script = Callable[..., Any]
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    if missing := chromium.missing():
-        (pytest.fail if os.environ.get("TRAJOPT_BROWSER") == "required" else pytest.skip)(missing)
-    pytest.importorskip("selenium.webdriver")
-    with chromium.opened(tmp_path_factory.mktemp("profile")) as driver:
-        yield driver
 
 
 @pytest.fixture(scope="module")

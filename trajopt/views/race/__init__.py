@@ -99,12 +99,12 @@ def _lane(problem: Problem, motion: ShownMotion, goal: Goal, colour: str) -> str
     above = duration / goal.duration - 1
     gap = f" <small>{table_cells.percent(above)}</small>" if abs(above) > _EQUAL_RTOL else ""
     return (
-        f'<figure class="lane" style="--own:{colour}">'
+        f'<figure class="race-lane" style="--own:{colour}">'
         f"<figcaption><b>{escape(motion.name)}</b><span>{duration:.2f} s{gap}</span></figcaption>"
-        f'<div class="arm" aria-hidden="true"></div>'
-        f'<p class="status"></p><p>{escape(course.why(problem, motion.trajectory))}</p>'
+        f'<div class="race-arm" aria-hidden="true"></div>'
+        f'<p class="race-status"></p><p>{escape(course.why(problem, motion.trajectory))}</p>'
         f'<ol aria-label="{escape(motion.name)} passes the waypoints at, s">{times}</ol>'
-        f'<div class="bars" aria-hidden="true"></div></figure>'
+        f'<div class="race-bars" aria-hidden="true"></div></figure>'
     )
 
 

@@ -23,6 +23,7 @@ STEP = 1e-4  # of positions, rad (m)
 EVENLY = 160  # samples of a motion, beside those where something happens
 MAX_BREAKS = 150  # more are not sampled one by one
 _BESIDE_RTOL = 1e-9  # of the time before a break, relative to the duration
+_BROKEN = 1 + 1e-3  # use of a limit above which it is said to be broken
 _RESTING = 1e-6  # share of the velocity limits below which an arm stands at a waypoint
 _ELEVATION = 0.3  # rad, from which the arm is seen
 _AZIMUTHS = np.deg2rad(np.arange(0, 360, 15))
@@ -61,9 +62,12 @@ def goal(problem: Problem, motions: Sequence[ShownMotion]) -> Goal:
 
 
 def why(problem: Problem, motion: Trajectory) -> str:
-    """Say what keeps a motion from being faster, or that nothing idles."""
+    """Say how long a motion is at a limit, and where it stops; or that it breaks one."""
     share = 100 * share_at_limits(problem, motion)
     used = f"A joint is at a limit {share:.0f} % of the time."
+    ratios = [own.worst(motion).value for own in problem.limits.kinds.values() if own.is_ratio]
+    if max(ratios) > _BROKEN:
+        return f"It breaks a limit: it uses {100 * max(ratios):.0f} % of it."
     inner = motion.waypoint_times[1:-1]
     fastest = problem.limits.in_all_segments(tightest=False).velocity.max(axis=1)
     stops = int((np.abs(motion(inner, 1)) < _RESTING * fastest).all(axis=1).sum())

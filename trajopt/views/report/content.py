@@ -17,12 +17,12 @@ from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
-from trajopt.views import table_cells
+from trajopt.views import race, table_cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.least_jerk import times_the_least
 from trajopt.views.analysis.results import Tables
 from trajopt.views.analysis.versions import by_problem
-from trajopt.views.figures.draw import distinct_names
+from trajopt.views.figures.draw import distinct_names, shown_motions
 from trajopt.views.figures.style import BLACK, CURVES, MARKERS, places
 from trajopt.views.report import lines, origin, verdict
 
@@ -232,6 +232,12 @@ class Page:
     def durations(self) -> list[dict[str, Any]]:
         """Return a line per planner for the page's only problem, the shortest first."""
         return verdict.durations(self.results, self.labels)
+
+    @cached_property
+    def race(self) -> str:
+        """The same motions side by side on one clock, as HTML; empty without one."""
+        motions = shown_motions(self.results.items)
+        return race.fragment(self.problems[0], motions) if self.single and motions else ""
 
     @cached_property
     def overlay(self) -> str:

@@ -64,7 +64,7 @@ const put = (line, points) => line.setAttribute("points", points.map((p) => p.ma
 const move = (disc, [x, y], r) => { disc.setAttribute("cx", x.toFixed(1)); disc.setAttribute("cy", y.toFixed(1)); disc.setAttribute("r", r); };
 const lane = (m, box) => {
   start(m);
-  const picture = svg(box.querySelector(".arm"), "svg", "");
+  const picture = svg(box.querySelector(".race-arm"), "svg", "");
   picture.setAttribute("viewBox", `0 0 ${width.toFixed(1)} ${height.toFixed(1)}`);
   const stands = D.waypoints.map(shape);
   if (L) stands.forEach((own) => put(svg(picture, "polyline", "ghost"), own.strokes[0]));
@@ -73,7 +73,7 @@ const lane = (m, box) => {
   const trail = L && svg(picture, "polyline", "trail"), links = stands[0].strokes.map(() => svg(picture, "polyline", "link"));
   const joints = stands[0].joints.map(() => svg(picture, "circle", "joint"));
   const discs = stands.map((own) => own.tips.map((p) => { const made = svg(picture, "circle", "disc"); move(made, p, 4.5); return made; }));
-  const bars = box.querySelector(".bars"), cells = [];
+  const bars = box.querySelector(".race-bars"), cells = [];
   bars.style.gridTemplateColumns = `minmax(1.2em, max-content) repeat(${D.kinds.length}, minmax(0, 1fr))`;
   const add = (text, name = "span") => { const made = document.createElement("span"); made.className = name; made.textContent = text; bars.append(made); return made; };
   add("");
@@ -84,11 +84,11 @@ const lane = (m, box) => {
   rows.forEach((j) => {
     add(j < 0 ? "all" : `${j + 1}`).title = D.names[j] ?? "all joints";
     D.kinds.forEach((kind, k) => {
-      const n = kind.joints.indexOf(j), made = add("", n < 0 ? "" : "bar");
+      const n = kind.joints.indexOf(j), made = add("", n < 0 ? "" : "race-bar");
       if (n >= 0) { made.append(document.createElement("i")); cells[place[k] + n] = [made, kind.ratio]; }
     });
   });
-  const line = box.querySelector(".status"), items = [...box.querySelectorAll("li")];
+  const line = box.querySelector(".race-status"), items = [...box.querySelectorAll("li")];
   const past = [];
   m.t.forEach((t, k) => past.push([t, shape(m.q.map((own) => own[k])).tips[0]]));
   return (t) => {
@@ -115,7 +115,7 @@ const lane = (m, box) => {
       : `Arrived${above > .05 ? `, ${above.toFixed(1)} % above ${D.goal.name}` : ""}`;
   };
 };
-const lanes = D.motions.map((m, i) => lane(m, root.querySelectorAll(".lane")[i]));
+const lanes = D.motions.map((m, i) => lane(m, root.querySelectorAll(".race-lane")[i]));
 const last = Math.max(...D.motions.map((m) => m.duration)), slider = find(".race-time"), button = find(".race-play"), said = find(".race-said");
 slider.max = Math.ceil(last * 100) / 100;
 let now = 0, before = 0, on = false;
