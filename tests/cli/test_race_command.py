@@ -21,7 +21,7 @@ def test_planners_stand_beside_the_optimum(run, tmp_path):
     assert "mine: the same 2 waypoints" in page
     code, _, err = run("race mine.toml")
     assert code == 2
-    assert "--out is race.html: expected a file that is not there yet, or --force" in err
+    assert "--out is 'race.html': expected a file that is not there yet, or --force" in err
 
 
 def test_an_unknown_planner_is_named_before_anything_runs(run):

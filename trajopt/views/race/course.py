@@ -55,19 +55,26 @@ def goal(problem: Problem, motions: Sequence[ShownMotion]) -> Goal:
     if record is not None:
         said = f"The best known motion takes {record.duration:.4f} s; nobody proved it to be best."
         return Goal(record.duration, "the best known", said)
-    shortest = min(motions, key=lambda motion: motion.trajectory.duration)
+    within = [own for own in motions if most_used(problem, own.trajectory) <= _BROKEN]
+    shortest = min(within or motions, key=lambda motion: motion.trajectory.duration)
     duration = shortest.trajectory.duration
-    said = f"The shortest of these, {shortest.name}, takes {duration:.4f} s."
-    return Goal(duration, "the shortest here", said)
+    said = f"The shortest within the limits, {shortest.name}, takes {duration:.4f} s."
+    return Goal(duration, "the shortest here", said if within else "All of these break a limit.")
+
+
+def most_used(problem: Problem, motion: Trajectory) -> float:
+    """Return the largest use of a limit that is a ratio, 1 at the limit."""
+    kinds = problem.limits.kinds.values()
+    return max(own.worst(motion).value for own in kinds if own.is_ratio)
 
 
 def why(problem: Problem, motion: Trajectory) -> str:
     """Say how long a motion is at a limit, and where it stops; or that it breaks one."""
+    most = most_used(problem, motion)
+    if most > _BROKEN:
+        return f"It breaks a limit: it uses {100 * most:.0f} % of it."
     share = 100 * share_at_limits(problem, motion)
     used = f"A joint is at a limit {share:.0f} % of the time."
-    ratios = [own.worst(motion).value for own in problem.limits.kinds.values() if own.is_ratio]
-    if max(ratios) > _BROKEN:
-        return f"It breaks a limit: it uses {100 * max(ratios):.0f} % of it."
     inner = motion.waypoint_times[1:-1]
     fastest = problem.limits.in_all_segments(tightest=False).velocity.max(axis=1)
     stops = int((np.abs(motion(inner, 1)) < _RESTING * fastest).all(axis=1).sum())
