@@ -71,7 +71,7 @@ def test_a_motion_races_the_optimum(run, tmp_path, motion, code, said):
     page = (tmp_path / "race.html").read_text(encoding="utf-8")
     assert "<b>optimum</b><span>2.00 s" in page
     assert said in page
-    assert "The shortest within the limits, optimum, takes 2.0000 s." in page
+    assert "The shortest of these within the limits takes 2.0000 s." in page
     ended, _, err = run(f"judge {motion} p.toml --race race.html")
     assert ended == 2
     assert "--race is 'race.html': expected a file that is not there yet" in err

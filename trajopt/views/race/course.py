@@ -58,7 +58,7 @@ def goal(problem: Problem, motions: Sequence[ShownMotion]) -> Goal:
     within = [own for own in motions if most_used(problem, own.trajectory) <= _BROKEN]
     shortest = min(within or motions, key=lambda motion: motion.trajectory.duration)
     duration = shortest.trajectory.duration
-    said = f"The shortest within the limits, {shortest.name}, takes {duration:.4f} s."
+    said = f"The shortest of these within the limits takes {duration:.4f} s."
     return Goal(duration, "the shortest here", said if within else "All of these break a limit.")
 
 
