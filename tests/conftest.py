@@ -35,3 +35,13 @@ def pytest_collection_finish() -> None:
 def _no_word_of_slow_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a command prints must not depend on how fast the machine is."""
     monkeypatch.setattr("trajopt.cli.console._SILENT_S", 1e6)
+
+
+@pytest.fixture
+def strangers(monkeypatch):
+    """Make the kinds of limits of `tests.kinds` known."""
+    from tests.kinds import STRANGERS
+    from trajopt.core.limits import KINDS
+
+    for key, kind in STRANGERS.items():
+        monkeypatch.setitem(KINDS, key, kind)

@@ -67,8 +67,8 @@ class SpeedSum(Limit):
         left = self.numbers[joints]
         return type(self)(left) if np.isfinite(left).sum() == self.bounds.sum() else None
 
-    def scaled(self, factors: Array) -> Self:
-        return type(self)(factors[:, None] * self.numbers)
+    def converted(self, sizes: Array) -> Self:
+        return type(self)(sizes[:, None] * self.numbers)
 
     def in_units(self, time: float, lengths: Array | float) -> Self:
         return type(self)(self.numbers * time / lengths)

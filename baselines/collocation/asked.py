@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation.symbols import NotPolynomialError, Polynomial, Symbol
+from baselines.collocation.symbols import NotPolynomialError, Polynomial, Symbol, made
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.limits import Limit
 from trajopt.core.limits.rows import JointState, Row
@@ -53,6 +53,11 @@ class Asked(NamedTuple):
     leaving: Array
     curved: tuple[Curved, ...]
     segments: Indices
+
+    @property
+    def together(self) -> bool:
+        """Whether one curved row may depend on several joints."""
+        return not all(own.limit.separate for own in self.curved)
 
 
 def of(problem: Problem, intervals: int) -> Asked:
@@ -111,9 +116,15 @@ class Curves:
     """Constraints of the rows that are no boxes; equal ones have the same expressions.
 
     Attributes:
-        together: whether one row may depend on several joints. Then all joints have the same
-            lengths of intervals.
+        together: whether all joints have the same lengths of intervals, since one row may depend
+            on several of them.
+        sampled: whether a row is imposed at instants only, after `constraints`.
+        jumps: whether a row changes from interval to interval, after `constraints`: while it is
+            imposed at all instants of an interval, its acceleration is constant there.
     """
+
+    sampled = False
+    jumps = False
 
     def __init__(
         self, asked: Asked, unit: float, scale: Array, origin: Array, to_end: bool
@@ -130,7 +141,7 @@ class Curves:
         self.asked, self.unit, self.scale, self.origin = asked, unit, scale, origin
         self.to_end = to_end
         limits = [own.limit for own in asked.curved]
-        self.together = not all(own.separate for own in limits)
+        self.together = asked.together
         numbers = [(type(own), own.numbers.shape, own.numbers.tobytes()) for own in limits]
         units = (unit, scale.tobytes(), origin.tobytes(), to_end)
         self._key = (*numbers, *units) if limits else ()
@@ -152,8 +163,16 @@ class Curves:
         found = []
         self._places: list[tuple[int, int, slice]] = []  # limit, row and intervals of each column
         for number, own in enumerate(self.asked.curved):
-            every = _parts(own, self._state(own.limit, x, smooth), self._in_units(own.limit))
+            at, limit = self._state(own.limit, x, smooth), self._in_units(own.limit)
+            try:
+                rows = _of(own, limit, at)
+                values = [made(row.value) for row in rows]
+                every = [(list(value.parts), value.continuous) for value in values]
+            except NotPolynomialError:
+                self.sampled = True
+                every = _at_instants(own, limit, at)
             for row, (parts, continuous) in enumerate(every):
+                self.jumps |= not continuous
                 shared = continuous and len(parts) > 1  # the last is the next interval's first
                 whole = parts[:-1] if shared else parts
                 columns = [(part, slice(None)) for part in whole]
@@ -218,35 +237,23 @@ def _polynomials(x: Any, joint: int, smooth: bool) -> list[tuple[list[Any], bool
     return [(q, True), ([v0, v1], True), ([(v1 - v0) / length], False), ([0 * length], False)]
 
 
-def _parts(curved: Curved, at: JointState, limit: Limit) -> list[tuple[Sequence[Any], bool]]:
-    """Return columns that are to be within the bounds of each row, and whether it is continuous.
-
-    They are Bernstein coefficients of the rows that are polynomials, else values at instants.
-    """
-    try:
-        rows = [(own.value.parts, own.value.continuous) for own in _of(curved, limit, at)]
-    except NotPolynomialError:
-        rows = _at_instants(curved, limit, at)
-    return rows
-
-
 def _of(curved: Curved, limit: Limit, at: JointState) -> list[Row]:
     every = list(limit.rows(at))
     return [every[row] for row in curved.rows]
 
 
-def _at_instants(curved: Curved, limit: Limit, at: JointState) -> list[tuple[Sequence[Any], bool]]:
+def _at_instants(curved: Curved, limit: Limit, at: JointState) -> list[tuple[list[Any], bool]]:
     ca = backend("casadi")
     entries = [own for order in range(4) for own in at[order]]
     symbols = [ca.MX.sym("entry", len(at.segments)) for _ in entries]
     q, v, a, j = np.array([Symbol(own) for own in symbols], dtype=object).reshape(4, -1).tolist()
     rows = _of(curved, limit, JointState(q, v, a, j, at.segments))
-    values = [own.value.column for own in rows]
+    values = [ca.MX(getattr(own.value, "column", own.value)) for own in rows]
     function = ca.Function("rows", symbols, values)
     every = [function.call([own.at(share) for own in entries]) for share in _SHARES]
     pairs = zip(symbols, entries, strict=True)
     jumping = ca.vertcat(*(own for own, entry in pairs if not entry.continuous))
     return [
-        (parts, limit.segments is None and not ca.depends_on(value, jumping))
+        (list(parts), limit.segments is None and not ca.depends_on(value, jumping))
         for value, parts in zip(values, zip(*every, strict=True), strict=True)
     ]

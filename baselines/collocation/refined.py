@@ -30,7 +30,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import verify
+from trajopt.judging.verification import certified, verify
 from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import SIMPLEST, reduced
 
@@ -51,6 +51,10 @@ _AGREEMENT_SHARE = 0.1
 # Further halvings with rows that are no boxes: along a curve each reduces the error to a quarter
 # only.
 _MORE_REFINEMENTS = 2
+# Along rows that jump, a difference of durations over the one before: at first order, with a
+# margin, and at most.
+_FIRST_ORDER = 0.55
+_SLOWEST_FALL = 0.9
 # Factor on the number of starts if all have failed.
 _MORE_STARTS = 4
 # Least time of a segment in an initial guess, in mean stop times; within tolerance it may be 0.
@@ -135,7 +139,7 @@ class CollocationRefined(Planner):
             )
         return Solution(
             Status.SOLVED,
-            best.grid.trajectory(best.nodes),
+            best.motion,
             self._message(estimate),
             setup_time=setup_time,
             stats=stats,
@@ -171,10 +175,14 @@ class CollocationRefined(Planner):
 
 
 class _Level(NamedTuple):
-    """A local optimum on a grid, with its duration, s; infinite if IPOPT failed."""
+    """A local optimum on a grid, with its duration, s; infinite if IPOPT failed.
+
+    `motion` is dilated into rows of limits that hold at instants only.
+    """
 
     grid: CollocationGrid
     nodes: Nodes
+    motion: Trajectory | None
     duration: float
     status: str
 
@@ -186,28 +194,53 @@ def _stats(kind: str, levels: list[_Level]) -> dict[str, Any]:
 
 
 def _estimate(levels: list[_Level]) -> float:
-    """Return the relative difference of the last two finite durations; infinite without two."""
+    """Return the relative error that the last finite durations tell; infinite without two.
+
+    It is their difference. Along rows of limits that jump between intervals the error falls no
+    faster than the lengths of intervals. Then it is the sum of all differences that would follow.
+    """
     durations = [level.duration for level in levels if level.duration < np.inf]
     if len(durations) < 2:
         return np.inf
-    last_two = durations[-2:]
-    return max(last_two) / min(last_two) - 1
+    change = max(durations[-2:]) / min(durations[-2:]) - 1
+    if not transcription(levels[-1].grid, free=True).curves.jumps:
+        return change
+    fall = _FIRST_ORDER
+    if len(durations) > 2 and durations[-3] > durations[-2] > durations[-1]:
+        first, second = -np.diff(durations[-3:])
+        fall = min(max(second / first, _FIRST_ORDER), _SLOWEST_FALL)
+    return change * fall / (1 - fall)
 
 
 def _solved(grid: CollocationGrid, start: Nodes) -> _Level:
-    """Return IPOPT's local optimum from `start`, if the verifier accepts it."""
+    """Return IPOPT's local optimum from `start`, if the verifier accepts it.
+
+    Where rows are imposed at instants only, it dilates the motion into them.
+    """
     solve = transcription(grid, free=True)
     optimum = solve(grid, start)
     duration = np.inf
-    if optimum.success:
-        certificate = verify(grid.problem, grid.trajectory(optimum.nodes))
+    motion = grid.trajectory(optimum.nodes) if optimum.success else None
+    if motion is not None:
+        certificate = verify(grid.problem, motion)
         if certificate.feasible:
             duration = float(optimum.nodes.times.sum()) * grid.unit
-    return _Level(grid, optimum.nodes, duration, optimum.status)
+        elif solve.curves.sampled:
+            motion = certified(grid.problem, motion)
+            duration = np.inf if motion is None else motion.duration
+    return _Level(grid, optimum.nodes, motion, duration, optimum.status)
 
 
 def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
-    """Yield `exact`'s motion, stopping, the first one slower, random ones."""
+    """Yield `exact`'s motion, stopping, the first one slower, random ones.
+
+    Rows of several joints lead far away from `exact`'s motion. Then the optimum on equal intervals
+    is the first one.
+    """
+    if grid.asked.together:
+        equal = transcription(grid)(grid, grid.stopping())
+        if equal.success:
+            yield equal.nodes
     relaxed = _relaxed(grid.problem)
     if relaxed:
         yield _placed(grid, relaxed)

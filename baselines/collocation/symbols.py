@@ -112,7 +112,7 @@ def _above(x: Any, corner: float) -> Any:
     return (x + backend("casadi").sqrt(x**2 + corner**2)) / 2
 
 
-def _made(value: Any) -> Polynomial:
+def made(value: Any) -> Polynomial:
     """Return a polynomial as it is; a number, or one for each interval, as a constant one."""
     if isinstance(value, Polynomial):
         return value
@@ -124,7 +124,7 @@ def _number(value: Any) -> Any:
 
 
 def _sum(one: Any, other: Any) -> Polynomial:
-    a, b = _made(one), _made(other)
+    a, b = made(one), made(other)
     degree = max(len(a.parts), len(b.parts)) - 1
     both = zip(a._elevated(degree).parts, b._elevated(degree).parts, strict=True)
     return Polynomial([x + y for x, y in both], continuous=a.continuous and b.continuous)
@@ -135,7 +135,7 @@ def _negative(own: Polynomial) -> Polynomial:
 
 
 def _product(one: Any, other: Any) -> Polynomial:
-    a, b = _made(one), _made(other)
+    a, b = made(one), made(other)
     m, n = len(a.parts) - 1, len(b.parts) - 1
     continuous = a.continuous and b.continuous
     if not m or not n:
@@ -169,7 +169,7 @@ _RULES: dict[np.ufunc, Callable[..., Polynomial]] = {
     np.add: _sum,
     np.subtract: lambda one, other: _sum(one, -other),
     np.negative: _negative,
-    np.positive: _made,
+    np.positive: made,
     np.multiply: _product,
     np.divide: _quotient,
     np.power: _power,

@@ -73,6 +73,8 @@ _DRIFT_WEIGHT = 1e-4
 # Longest motion, relative to the time of stopping at every waypoint; and the largest dilation of
 # that time with limits that `exact` does not know.
 _LONGEST = 1.5
+# With rows of several joints, for which `stopping` takes twice that time.
+_LONGEST_TOGETHER = 3.0
 _SLOWEST = 1e3
 # Longest time that a joint which begins or ends in motion may take more, in times of stopping.
 _RETURNS = 6.0
@@ -218,7 +220,8 @@ class CollocationGrid:
         # of a joint in motion: to end its acceleration and its velocity
         ends = velocity / weakest + acceleration / gentlest + np.sqrt(velocity / gentlest)
         returning = _RETURNS * ends.max()
-        return float(_LONGEST * self.slower * (self.stop.sum() + returning))
+        longest = _LONGEST_TOGETHER if self.asked.together else _LONGEST
+        return float(longest * self.slower * (self.stop.sum() + returning))
 
     def dilation(self, motion: Trajectory) -> float:
         """Return the least dilation that keeps the limits that `exact` does not know.
@@ -227,7 +230,7 @@ class CollocationGrid:
         """
         kinds = self.problem.limits.kinds
         others = (kinds[key] for key in beyond_exact(self.problem) if kinds[key].is_ratio)
-        found = (own.dilation(own.worst(motion)) for own in others)
+        found = (own.dilation(own.worst(motion), motion) for own in others)
         return min(max(found, default=0.0), _SLOWEST)
 
     def stopping(self) -> Nodes:

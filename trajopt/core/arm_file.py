@@ -155,7 +155,7 @@ def _values(key: str, entry: Any) -> Any:
 def _limit(key: str, entry: Mapping[str, Any], joints: int) -> Limit:
     """The limit that a kind's table states, rad and s."""
     written = KINDS[key].read(entry["values"], joints)
-    return written.scaled(np.full(joints, ANGLES[entry["angle_unit"]]))
+    return written.converted(np.full(joints, ANGLES[entry["angle_unit"]]))
 
 
 def _origin(kind: str, entry: Mapping[str, Any]) -> LimitOrigin:

@@ -211,6 +211,8 @@ class Problem:
     def only(self, joints: ArrayLike) -> Problem:
         """The problem of some joints, by index (from 0) or mask: a relaxation of it.
 
+        Limits that depend on several joints are left out, unless all other joints rest.
+
         Raises:
             InvalidInput: None of these joints moves.
         """
@@ -223,7 +225,8 @@ class Problem:
             check_joint_names(names, len(kept))
         # what is right for all joints is right for some, but that they move: the route asks that
         part = object.__new__(type(self))
-        limits = self.limits.only(kept)
+        others = np.delete(self.moving, kept)
+        limits = self.limits.only(kept, None if others.any() else self.waypoints[0])
         part._hold(self.route.only(kept), limits, self.name, self.source, names, units, None)
         return part
 

@@ -173,7 +173,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     for key, own in units.items():
         sizes = [UNITS[unit] for unit in own]
         size[key] = np.array(sizes)
-    scaled = written.scaled(size["limits"]).kinds
+    scaled = written.converted(size["limits"]).kinds
     kept = {key: own for key, own in of_robot.items() if key not in given}
     demands = {key: own * _unit_size(DEMANDS[key], size) for key, own in demands.items()}
     limits = Limits(**{**scaled, **kept})
@@ -196,7 +196,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         chain=chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None,
     )
     if "units" not in table:
-        as_written = problem.limits.in_all_segments().scaled(1 / size["limits"])
+        as_written = problem.limits.in_all_segments().converted(1 / size["limits"])
         mixed = mixed_units(waypoints, as_written.velocity, as_written.acceleration)
         if mixed:
             message = f"{path}: {mixed}; say units.waypoints and units.limits"

@@ -136,7 +136,7 @@ class _Search:
             limits = self.problem.limits.only([joint])
             for key, limit in limits.kinds.items():
                 if limit.is_ratio:
-                    needed = max(needed, limit.dilation(limits.worst(key, own)))
+                    needed = max(needed, limit.dilation(limits.worst(key, own), own))
         return needed
 
     def _dilated(self, dilation: float) -> Trajectory | None:

@@ -276,7 +276,7 @@ def broken(problem: Problem, certificate: Certificate) -> list[str]:
     found = []
     for key, use in certificate.uses.items():
         limit = problem.limits.kinds[key]
-        within = limit.dilation(use) <= 1 + NEARLY_FEASIBLE_RTOL
+        within = limit.keeps(use, NEARLY_FEASIBLE_RTOL)
         if not within or limit.flaw(use, allowed.position_limit, problem):
             found.append(key)
     return found
@@ -385,7 +385,7 @@ def _judged(
             continue
         use = problem.limits.worst(key, judged if limit.is_ratio else trajectory)
         uses[key] = use
-        needed = limit.dilation(use)
+        needed = limit.dilation(use, judged)
         dilation = float(np.maximum(dilation, needed))  # NaN stays NaN
         later = use._replace(time=use.time + begins)
         flaw = limit.flaw(later, allowed.position_limit, problem)
@@ -420,7 +420,7 @@ def _judged(
             else:
                 found = slower(problem, judged, lambda own: keeping(problem, own, unjudged))
             if found is None:
-                flaws.append(_not_slower(problem, uses))
+                flaws.append(_not_slower(problem, uses, judged))
             else:
                 dilation, judged = found
     certificate = Certificate(
@@ -495,7 +495,7 @@ def _missed_as_returned(
         if key in unjudged:
             continue
         use = problem.limits.worst(key, trajectory)
-        if limit.flaw(use, known.position, problem) or not limit.dilation(use) <= 1 + KEPT_RTOL:
+        if limit.flaw(use, known.position, problem) or not limit.keeps(use, KEPT_RTOL):
             return None
     least = _least_times(problem, trajectory)
     if least is not None and not least.value <= 1 + KEPT_RTOL:
@@ -522,16 +522,16 @@ def keeping(
         if key in unjudged:
             continue
         use = problem.limits.worst(key, motion)
-        if limit.flaw(use, allowed, problem) or not limit.dilation(use) <= 1 + KEPT_RTOL:
+        if limit.flaw(use, allowed, problem) or not limit.keeps(use, KEPT_RTOL):
             return None
     least = _least_times(problem, motion)
     return motion if least is None or least.value <= 1 + KEPT_RTOL else None
 
 
-def _not_slower(problem: Problem, uses: Mapping[str, Use]) -> str:
+def _not_slower(problem: Problem, uses: Mapping[str, Use], motion: Trajectory) -> str:
     """Return the flaw of a motion that breaks a limit, if no slower one is found."""
     kinds = problem.limits.kinds
-    key = max(uses, key=lambda key: kinds[key].dilation(uses[key]))
+    key = max(uses, key=lambda key: kinds[key].dilation(uses[key], motion))
     use = uses[key]
     if _is_timed(problem):
         amount = KINDS[key].amount(use, problem)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import comb
+from math import comb, sin
 
 import casadi as ca
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial as Power
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from baselines.collocation.refined import CollocationRefined
 from baselines.collocation.symbols import NotPolynomialError, Polynomial, Symbol
@@ -16,68 +17,115 @@ from baselines.collocation.uniform import Collocation
 from tests.test_new_limit import SpeedSum
 from trajopt import Limits, Problem, Status, verify
 from trajopt.core.limits import KINDS
-from trajopt.core.limits.rows import JointState, Row, positive
+from trajopt.core.limits.rows import Row, positive
 
 
-class PlannedSpeedSum(SpeedSum):
-    """|v1| + |v2| ≤ S of the first two joints, in rows."""
-
-    key = "planned_speed_sum"
-
-    @classmethod
-    def read(cls, value, joints):
-        return cls(np.array([[value], [value]]))
-
-    def rows(self, at: JointState) -> Iterator[Row]:
-        highest = self.numbers[0, 0]
-        yield Row((at.v[0] + at.v[1]) / highest, -1.0, 1.0)
-        yield Row((at.v[0] - at.v[1]) / highest, -1.0, 1.0)
+def closest(problem: Problem) -> tuple[float, float]:
+    """Return the certified duration of `collocation-refined`, s, and its stated error."""
+    found = CollocationRefined(starts=1, refinements=1).solve(problem)
+    assert found.status is Status.SOLVED, found.message
+    certificate = verify(problem, found.trajectory)
+    assert certificate.feasible
+    return certificate.certified_duration, found.stats["error_estimate"]
 
 
-class Apart(PlannedSpeedSum):
-    """|a1 − a2| ≤ S."""
-
-    key = "apart"
-    degree = 2
-
-    def rows(self, at: JointState) -> Iterator[Row]:
-        yield Row((at.a[0] - at.a[1]) / self.numbers[0, 0], -1.0, 1.0)
-
-    def _signed(self, motion):
-        first, second = np.moveaxis(motion.pieces(2), -1, 0) / self.numbers[0, 0]
-        return np.stack([first - second, second - first], axis=1)
-
-
-OWN = {kind.key: kind for kind in (PlannedSpeedSum, Apart)}
-for key in OWN:
-    del KINDS[key]  # they are there in the tests below only
-
-
-@pytest.fixture(autouse=True)
-def known(monkeypatch):
-    for key, kind in OWN.items():
-        monkeypatch.setitem(KINDS, key, kind)
-
-
-# Both joints move 1 rad the other way, to rest. With S = 0.8 each moves at 0.4 rad/s and speeds up
-# at 2 rad/s²: 1 / 0.4 + 0.4 / 2 s. With S = 2 each speeds up at 1 rad/s²: 2 sqrt(1 / 1) s.
+# Both joints move 1 rad the other way, to rest. With 0.8 rad/s together each moves at 0.4 rad/s and
+# speeds up at 2 rad/s²: 1 / 0.4 + 0.4 / 2 s. With 2 rad/s² apart each speeds up at 1 rad/s².
 CLOSED_FORMS = [
-    (1.0, {"planned_speed_sum": 0.8}, 2.7),
-    (5.0, {"apart": 2.0}, 2.0),
+    (1.0, {"speeds_together": {"sum": 0.8}}, 2.7),
+    (5.0, {"apart": {"difference": 2.0}}, 2.0),
 ]
 
 
+@pytest.mark.usefixtures("strangers")
 @pytest.mark.parametrize(("velocity", "others", "optimum"), CLOSED_FORMS)
 def test_a_row_of_two_joints_is_planned(velocity, others, optimum):
     limits = Limits([velocity] * 2, [2, 2], **others)
     problem = Problem([[0.0, 0.0], [1.0, -1.0]], limits)
-    found = CollocationRefined(starts=2).solve(problem)
-    certificate = verify(problem, found.trajectory)
-    assert certificate.feasible
-    assert optimum * (1 - 1e-9) < certificate.certified_duration < optimum * (1 + 1e-7)
+    found, _ = closest(problem)
+    assert optimum * (1 - 1e-9) < found < optimum * (1 + 1e-7)
     uniform = verify(problem, Collocation().solve(problem).trajectory)
     assert uniform.feasible
     assert optimum * (1 - 1e-9) < uniform.certified_duration < optimum * 1.02
+
+
+@pytest.mark.usefixtures("strangers")
+def test_a_pendulum_is_planned():
+    """With all torque forwards, then backwards, the energy `v²/2` is known at every angle."""
+    gravity, torque, goal = 5.0, 8.0, 2.0
+    limits = Limits([5], [100], pendulum_torque={"gravity": [gravity], "torque": [torque]})
+    problem = Problem([[0.0], [goal]], limits)
+
+    def forwards(q: float) -> float:
+        return 2 * (torque * q - gravity * sin(q))
+
+    def backwards(q: float) -> float:
+        return 2 * (torque * (goal - q) + gravity * (sin(goal) - sin(q)))
+
+    turn = brentq(lambda q: forwards(q) - backwards(q), 0.1, goal - 0.1)
+    # dq / v with q = x² from the end at rest
+    first, _ = quad(lambda x: 2 * x / forwards(x * x) ** 0.5, 0, turn**0.5)
+    last, _ = quad(lambda x: 2 * x / backwards(goal - x * x) ** 0.5, 0, (goal - turn) ** 0.5)
+    optimum = first + last
+    found, error = closest(problem)
+    assert optimum * (1 - 1e-9) < found < optimum * (1 + error)
+    assert error < 1e-2
+
+
+@pytest.mark.usefixtures("strangers")
+def test_the_stated_error_of_a_product_covers_the_true_one():
+    """v · a ≤ 4 from rest: 10 rad/s² until 0.4 rad/s, then v² = 0.16 + 8 t, then −10 rad/s²."""
+    problem = Problem([[0.0], [1.0]], Limits([5], [10], motor_power={"power": [4.0]}))
+    top = brentq(lambda v: 0.008 + (v**3 - 0.4**3) / 12 + v**2 / 20 - 1, 0.4, 5)
+    optimum = 0.04 + (top**2 - 0.16) / 8 + top / 10
+    found, error = closest(problem)
+    assert optimum * (1 - 1e-9) < found < optimum * (1 + error)
+    assert error < 1e-2
+
+
+LINKS = [0.6, 0.4, 0.2]
+ROUTE = np.radians([[0.0, 20.0], [40.0, 60.0], [90.0, 30.0]])
+
+
+def arm(route, links, speed=0.5) -> Problem:
+    joints = len(links)
+    own = {"links": links, "speed": speed}
+    limits = Limits(np.radians([180] * joints), np.radians([600] * joints), tool_speed=own)
+    return Problem(route, limits)
+
+
+@pytest.mark.usefixtures("strangers")
+def test_the_speed_of_a_tool_is_planned():
+    """No motion is faster than the tool along the chords of its path, at the limit."""
+    problem = arm(ROUTE, LINKS[:2])
+    shoulder, elbow = ROUTE.T
+    first, second = LINKS[:2]
+    x = first * np.cos(shoulder) + second * np.cos(shoulder + elbow)
+    y = first * np.sin(shoulder) + second * np.sin(shoulder + elbow)
+    chords = np.hypot(np.diff(x), np.diff(y)).sum() / 0.5
+    found, error = closest(problem)
+    # it speeds up and brakes within that, and stays near the chords
+    assert chords < found < chords * 1.1
+    assert error < 1e-3
+
+
+@pytest.mark.usefixtures("strangers")
+def test_a_joint_that_rests_stays_in_the_limits_of_the_others():
+    """A third link that rests at an angle makes the second one longer, and turns it."""
+    angle = 0.3
+    three = arm(np.column_stack([ROUTE, np.full(len(ROUTE), angle)]), LINKS)
+    tool = LINKS[1] + LINKS[2] * np.exp(1j * angle)
+    longer, turned = abs(tool), np.angle(tool)
+    two = arm(ROUTE + np.array([0.0, turned]), [LINKS[0], longer])
+    assert three.only([0, 1]).limits.kinds["tool_speed"].bounds.all()
+    # not with a joint left out that moves
+    assert "tool_speed" not in three.only([0, 2]).limits.kinds
+    found = [Collocation().solve(problem) for problem in (three, two)]
+    durations = [
+        verify(problem, own.trajectory).certified_duration
+        for problem, own in zip((three, two), found, strict=True)
+    ]
+    assert durations[0] == pytest.approx(durations[1], rel=1e-6)
 
 
 def test_a_kind_without_rows_is_refused(monkeypatch):
@@ -86,6 +134,41 @@ def test_a_kind_without_rows_is_refused(monkeypatch):
     found = Collocation().solve(Problem([[0.0, 0.0], [1.0, -1.0]], limits))
     assert found.status is Status.UNSUPPORTED
     assert "speed sum" in found.message
+
+
+FALLING = {"offset": [0.1], "deceleration": [6.0], "position": [[-1.02, 1.02]]}
+BROKEN = [
+    ("velocity", {}),
+    ("acceleration", {}),
+    ("jerk", {"jerk": [20.0]}),
+    ("position", {"position": [[-0.92, 0.92], [-2, 2]]}),
+    ("falling_velocity", {"falling_velocity": FALLING}),
+]
+
+
+@pytest.mark.parametrize(("key", "others"), BROKEN)
+@pytest.mark.parametrize("back", [False, True])
+def test_the_judge_notices_a_row_that_is_too_wide(key, others, back, monkeypatch):
+    """The judge of our own kinds does not ask their rows."""
+    waypoints = np.array([[-0.8], [0.9], [-1.0], [0.0]])
+    if key == "position":  # the first joint overshoots, while the second needs its time
+        waypoints = np.array([[0.0, 0.0], [0.88, 0.0], [0.89, 1.0]])
+    joints = waypoints.shape[1]
+    limits = Limits([2] * joints, [8] * joints, **others)
+    problem = Problem(-waypoints if back else waypoints, limits)
+    kind = KINDS[key]
+    right = kind.rows
+
+    def wide(self, at):
+        for row in right(self, at):
+            spread = 0.1 if key == "falling_velocity" else 0.05 * (row.high - row.low)
+            yield Row(row.value, row.low - spread, row.high + spread)
+
+    assert verify(problem, Collocation(12).solve(problem).trajectory).feasible
+    monkeypatch.setattr(kind, "rows", wide)
+    certificate = verify(problem, Collocation(12).solve(problem).trajectory)
+    assert not certificate.feasible
+    assert certificate.uses[key].value > (1.0 if kind.is_ratio else 1e-3)
 
 
 def bernstein(power: Power, degree: int) -> list[float]:
@@ -113,6 +196,7 @@ def test_polynomials_compute_as_numpy_s_do():
     assert float(found.at(0.3)) == pytest.approx(formula(p(0.3), q(0.3)), abs=1e-13)
     matrix = np.array([[1.0, 2.0], [0.0, -1.0]]) @ np.array([x, y], dtype=object)
     assert float(matrix[0].at(0.5)) == pytest.approx(p(0.5) + 2 * q(0.5), abs=1e-13)
+    assert float(np.square(x).at(0.5)) == pytest.approx(p(0.5) ** 2, abs=1e-13)
     of_intervals = x * np.array([1.0, 2.0])  # a limit that differs from segment to segment
     assert not of_intervals.continuous
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.files import check_keys
-from trajopt.core.limits.joint_limit import is_bound
-from trajopt.core.limits.limit import Interval, Limit, Use, where
+from trajopt.core.limits.fields import FieldsLimit, Quantity
+from trajopt.core.limits.limit import Interval, Use, where
 from trajopt.core.limits.rows import JointState, Row, positive
-from trajopt.core.tables import frozen, is_list
 from trajopt.core.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -33,14 +31,13 @@ some minutes at the velocity that counts as rest."""
 # velocity that the limit allows at any position.
 _CORNER_OF_OFFSET = 1e-3
 _CORNER_OF_TOP = 1e-7
-_COLUMNS = ("offset", "deceleration", "position")
 _MAX_CUTS = 50  # each is a Newton step; four or five are enough
 _CUT_RTOL = 1e-14
 _SHOWN_USE = 10.0  # largest use in figures
 
 
 @dataclass(frozen=True, eq=False)
-class FallingVelocity(Limit):
+class FallingVelocity(FieldsLimit):
     """A velocity limit that falls to zero towards the ends of a joint's range.
 
     The joint at `q` may move upwards no faster than `max(0, sqrt(2 d max(0, high − q)) − o)`, and
@@ -62,7 +59,11 @@ class FallingVelocity(Limit):
     forgiven = True
     separate = True
 
-    numbers: Array
+    fields = (
+        Quantity("offset", length=1, time=-1, widens=1, none=0.0),
+        Quantity("deceleration", length=1, time=-2, widens=2),
+        Quantity("position", length=1, pair=True),
+    )
 
     def __post_init__(self) -> None:
         offset, deceleration, low, high = self.numbers.T
@@ -74,59 +75,12 @@ class FallingVelocity(Limit):
         right = (low < high) & np.isfinite(low) & np.isfinite(high)
         pairs = self.numbers[:, 2:]
         _refuse("position", "a finite range, lower below upper", pairs, limited & ~right)
-        object.__setattr__(self, "numbers", frozen(self.numbers))
+        super().__post_init__()
 
     @classmethod
-    def of_numbers(cls, numbers: Array) -> Self:
-        if numbers.ndim != 2 or numbers.shape[1] != 4:
-            raise InvalidInput(f"limits.{cls.key}", "four numbers per joint")
-        return cls(numbers)
-
-    @classmethod
-    def read(cls, value: Any, joints: int) -> Self:
-        """Return the limit of a table with `offset`, `deceleration` and `position`.
-
-        The first two have a number per joint, the last one a pair `[low, high]`.
-
-        A joint with an infinite deceleration has no such limit.
-        """
-        key = f"limits.{cls.key}"
-        if not isinstance(value, Mapping):
-            raise InvalidInput(key, f"a table with {', '.join(_COLUMNS)}", value=value)
-        check_keys(f"{key}.", value, _COLUMNS, _COLUMNS)
-        offset = _column(f"{key}.offset", value["offset"], joints)
-        deceleration = _column(f"{key}.deceleration", value["deceleration"], joints)
-        pairs = _column(f"{key}.position", value["position"], joints, pair=True)
-        numbers = np.column_stack([offset, deceleration, pairs])
-        unlimited = deceleration == np.inf
-        return cls(np.where(unlimited[:, None], np.nan, numbers))
-
-    def table(self) -> dict[str, Any]:
-        unlimited = [0.0, np.inf, -np.inf, np.inf]
-        whole = np.where(self.bounds[:, None], self.numbers, unlimited)
-        offset, deceleration = whole.T[:2].tolist()
-        return dict(zip(_COLUMNS, (offset, deceleration, whole[:, 2:].tolist()), strict=True))
-
-    @property
-    def bounds(self) -> Bools:
-        finite = np.isfinite(self.numbers)
-        return np.all(finite, axis=1)
-
-    def only(self, joints: Array) -> Self:
-        return type(self)(self.numbers[joints])
-
-    def scaled(self, factors: Array) -> Self:
-        return type(self)(factors[:, None] * self.numbers)
-
-    def in_units(self, time: float, lengths: Array | float) -> Self:
-        return type(self)(self.numbers * [time, time**2, 1.0, 1.0] / lengths)
-
-    def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
-        """Return the limit with the allowed velocities multiplied by `1 + by` at all positions."""
-        numbers = self.numbers.copy()
-        factor = 1 + by
-        numbers[joint, :2] *= [factor, factor**2]
-        return type(self)(numbers)
+    def unlimited(cls, numbers: Array) -> Bools:
+        """Return which joints have an infinite deceleration: these have no such limit."""
+        return np.asarray(numbers[:, 1] == np.inf)
 
     def rows(self, at: JointState) -> Iterator[Row]:
         """Yield `max(0, v + o)² ≤ 2 d w` towards both ends of each range.
@@ -406,19 +360,6 @@ def _cut(own: _Sides, index: tuple[Indices, ...], known: float, motion: Trajecto
         known = max(known, worst)
         points = np.nan_to_num(polynomials.unit_roots(own.turning(known)), nan=0.0)
     return best
-
-
-def _column(key: str, value: Any, joints: int, *, pair: bool = False) -> Array:
-    """Return a column of the table: a number, or a pair, per joint."""
-    right = "a pair [low, high] per joint" if pair else "a number per joint"
-    if not is_list(value) or len(value) != joints:
-        raise InvalidInput(key, f"{joints} values, {right}", value=value)
-    for joint, item in enumerate(value):
-        parts = item if pair and is_list(item) and len(item) == 2 else [item]
-        is_right = len(parts) == 1 + pair
-        if not is_right or not all(map(is_bound, parts)):
-            raise InvalidInput(key, right, value=item, joint=joint)
-    return np.array(value, dtype=float)
 
 
 def _refuse(column: str, right: str, values: Array, wrong: Bools) -> None:

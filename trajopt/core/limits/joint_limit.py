@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -13,9 +12,9 @@ from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import peaks
+from trajopt.core.limits.fields import is_bound
 from trajopt.core.limits.limit import Interval, Limit, Use, where
 from trajopt.core.limits.rows import JointState, Row
-from trajopt.core.numerals import is_number
 from trajopt.core.tables import frozen, is_list, is_table
 from trajopt.core.trajectory import Trajectory
 
@@ -125,8 +124,8 @@ class JointLimit(Limit):
         part.__dict__["numbers"] = pairs
         return part
 
-    def scaled(self, factors: Array) -> Self:
-        return type(self)(factors[..., None] * self.pairs)
+    def converted(self, sizes: Array) -> Self:
+        return type(self)(sizes[..., None] * self.pairs)
 
     def in_units(self, time: float, lengths: Array | float) -> Self:
         if self.order == 0:
@@ -388,11 +387,6 @@ def value_pairs(key: str, value: Any) -> Array:
         low, high = map(float, pair)
         pairs.append((low if pair is item else -high, high))
     return np.array(pairs)
-
-
-def is_bound(value: Any) -> bool:
-    """Return whether this is a number, or infinite."""
-    return is_number(value) or (isinstance(value, float) and math.isinf(value))
 
 
 def _written(pairs: Array) -> Any:

@@ -133,15 +133,19 @@ class Limit(ABC):
         """Return the limit of some joints, by index; None if it also depends on other joints."""
 
     @abstractmethod
-    def scaled(self, factors: Array) -> Self:
-        """Return the limit with each joint's lengths multiplied by a factor, `(joints,)`."""
+    def converted(self, sizes: Array) -> Self:
+        """Return the limit in rad (or m), whose lengths were written in units of these sizes.
 
-    @abstractmethod
+        `sizes` has one of each joint, `(joints,)`: a file may state degrees.
+        """
+
     def in_units(self, time: float, lengths: Array | float) -> Self:
         """Return the limit with times in units of `time`, s, and positions in `lengths`, rad.
 
-        `lengths` is one number for all joints, or `(joints, 1)`.
+        `lengths` is one number for all joints, or `(joints, 1)`. Only `separate` limits have other
+        units: planners that need them are not asked to plan for others.
         """
+        raise NotImplementedError
 
     @abstractmethod
     def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
@@ -173,9 +177,18 @@ class Limit(ABC):
     def worst(self, motion: Trajectory) -> Use:
         """Return the exact worst use, rounded upwards."""
 
-    def dilation(self, use: Use) -> float:
-        """Return the least dilation that brings a motion with this use within the limit."""
+    def dilation(self, use: Use, motion: Trajectory) -> float:
+        """Return the least dilation that brings a motion within the limit, infinite if none does.
+
+        Args:
+            use: the motion's worst use.
+            motion: the motion, for kinds whose use is no power of the dilation.
+        """
         return 0.0 if self.degree is None else use.value ** (1 / self.degree)
+
+    def keeps(self, use: Use, rtol: float) -> bool:
+        """Return whether a dilation by less than `1 + rtol` brings this use within the limit."""
+        return self.degree is None or use.value ** (1 / self.degree) <= 1 + rtol
 
     @abstractmethod
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits.beside_resting import BesideResting
 from trajopt.core.limits.joint_limit import UNLIMITED, JointLimit, Velocity, pairs_of
 from trajopt.core.limits.limit import KINDS, Limit, Use, named
 from trajopt.core.trajectory import Trajectory
@@ -166,18 +167,29 @@ class Limits:
         """Return these limits without the named ones: any but velocity and acceleration."""
         return Limits(**{key: own for key, own in self._held.items() if key not in keys})
 
-    def only(self, joints: ArrayLike) -> Limits:
+    def only(self, joints: ArrayLike, rest: Array | None = None) -> Limits:
         """Return the limits of some joints, by index (from 0) or mask.
 
-        A limit that also depends on other joints is left out.
+        A limit that also depends on other joints needs their places, `rest`, rad, `(joints,)`, if
+        they rest there. Without these it is left out.
         """
         chosen = np.arange(self.joints)[np.asarray(joints)]
-        return self._each(lambda own: own.only(chosen))
+        moving = np.isin(np.arange(self.joints), chosen)
 
-    def scaled(self, factor: ArrayLike) -> Limits:
-        """Return the limits multiplied by a positive factor, or one per joint."""
-        factors = np.broadcast_to(np.asarray(factor, dtype=float), self.joints)
-        return self._each(lambda own: own.scaled(factors))
+        def part(own: Limit) -> Limit | None:
+            found = own.only(chosen)
+            if found is None and rest is not None and own.has_rows():
+                return BesideResting(own, moving, rest)
+            return found
+
+        return self._each(part)
+
+    def converted(self, sizes: Array) -> Limits:
+        """Return the limits in rad (or m), whose lengths were written in units of these sizes.
+
+        `sizes` has one of each joint, `(joints,)`.
+        """
+        return self._each(lambda own: own.converted(sizes))
 
     def in_units(self, time: float, lengths: Array | float) -> Limits:
         """Return the limits with times in units of `time`, s, and positions in `lengths`, rad.

@@ -1,0 +1,205 @@
+"""Bounds of a formula over intervals of time, computed by the formula itself.
+
+An `Enclosure` is a value at the middle of each interval, bounds of it over the interval, and bounds
+of its derivative. It takes part in NumPy's arithmetic, so that a limit's `rows` compute them. The
+mean value theorem then bounds a formula to second order in the length of the interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from trajopt.core.arrays import Array
+
+Range = tuple[Array, Array]  # lowest and highest
+
+
+class Enclosure(NDArrayOperatorsMixin):
+    """A value over intervals.
+
+    Attributes:
+        middle: the value in the middle of each interval.
+        values: its lowest and highest value over the interval.
+        slopes: the lowest and highest derivative, times half the length of the interval.
+    """
+
+    def __init__(self, middle: Array, values: Range, slopes: Range) -> None:
+        self.middle, self.slopes = middle, slopes
+        change = np.maximum(np.abs(slopes[0]), np.abs(slopes[1]))
+        low, high = values
+        self.values = (np.maximum(low, middle - change), np.minimum(high, middle + change))
+
+    @classmethod
+    def of_polynomial(cls, coefficients: Array) -> Enclosure:
+        """Return the enclosure of polynomials over `[−1, 1]`.
+
+        Args:
+            coefficients: highest power first, `(degree + 1, …)`.
+        """
+        *_, slope, middle = np.concatenate([np.zeros_like(coefficients[:1]), coefficients])
+        powers = np.arange(len(coefficients) - 1, 1, -1).reshape(-1, *[1] * middle.ndim)
+        curved = np.abs(coefficients[:-2])
+        bend = (powers * curved).sum(axis=0)
+        change = np.abs(slope) + curved.sum(axis=0)
+        return cls(middle, (middle - change, middle + change), (slope - bend, slope + bend))
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *given: Any, **keywords: Any) -> Any:
+        if any(isinstance(own, np.ndarray) and own.dtype == object for own in given):
+            return NotImplemented  # NumPy then asks its elements one by one
+        rule = _RULES.get(ufunc)
+        if method != "__call__" or keywords or rule is None:
+            raise TypeError(f"numpy.{ufunc.__name__} in the rows of a limit: no bounds are known")
+        return rule(*given)
+
+
+def made(value: Any) -> Enclosure:
+    if isinstance(value, Enclosure):
+        return value
+    own = np.asarray(value, dtype=float)
+    zero = np.zeros_like(own)
+    return Enclosure(own, (own, own), (zero, zero))
+
+
+def _plus(one: Range, other: Range) -> Range:
+    return one[0] + other[0], one[1] + other[1]
+
+
+def _times(one: Range, other: Range) -> Range:
+    with np.errstate(invalid="ignore"):  # 0 times infinity
+        ends = np.array(
+            [np.broadcast_arrays(x * y, one[0] + other[0])[0] for x in one for y in other]
+        )
+    lowest, highest = ends.min(axis=0), ends.max(axis=0)
+    return np.nan_to_num(lowest, nan=-np.inf, neginf=-np.inf, posinf=np.inf), np.nan_to_num(
+        highest, nan=np.inf, neginf=-np.inf, posinf=np.inf
+    )
+
+
+def _sum(one: Any, other: Any) -> Enclosure:
+    a, b = made(one), made(other)
+    return Enclosure(a.middle + b.middle, _plus(a.values, b.values), _plus(a.slopes, b.slopes))
+
+
+def _negative(own: Enclosure) -> Enclosure:
+    (low, high), (falls, rises) = own.values, own.slopes
+    return Enclosure(-own.middle, (-high, -low), (-rises, -falls))
+
+
+def _product(one: Any, other: Any) -> Enclosure:
+    a, b = made(one), made(other)
+    slopes = _plus(_times(a.slopes, b.values), _times(a.values, b.slopes))
+    return Enclosure(a.middle * b.middle, _times(a.values, b.values), slopes)
+
+
+def _square(own: Enclosure) -> Enclosure:
+    low, high = own.values
+    inside = (low < 0) & (high > 0)
+    values = (np.where(inside, 0.0, np.minimum(low**2, high**2)), np.maximum(low**2, high**2))
+    return Enclosure(own.middle**2, values, _times((2 * low, 2 * high), own.slopes))
+
+
+def _power(own: Any, exponent: Any) -> Enclosure:
+    if not isinstance(exponent, int | np.integer) or exponent < 1:
+        raise TypeError("a power in the rows of a limit that is no whole number from 1")
+    found = _square(own) if exponent > 1 else own
+    for _ in range(int(exponent) - 2):
+        found = _product(found, own)
+    return found
+
+
+def _quotient(one: Any, other: Any) -> Enclosure:
+    if not isinstance(other, Enclosure):
+        return _product(one, 1 / np.asarray(other, dtype=float))
+    low, high = other.values
+    inside = (low <= 0) & (high >= 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = (np.where(inside, -np.inf, 1 / high), np.where(inside, np.inf, 1 / low))
+        inverse = Enclosure(
+            1 / other.middle,
+            values,
+            _times(_negative_range(_times(values, values)), other.slopes),
+        )
+    return _product(one, inverse)
+
+
+def _negative_range(own: Range) -> Range:
+    return -own[1], -own[0]
+
+
+def _wave(
+    function: Callable[[Array], Array], derivative: Callable[[Enclosure], Range]
+) -> Callable[[Enclosure], Enclosure]:
+    """Return the rule of sine or cosine, by the range of its derivative."""
+
+    def rule(own: Enclosure) -> Enclosure:
+        middle = function(own.middle)
+        one = np.ones_like(middle)
+        return Enclosure(middle, (-one, one), _times(derivative(own), own.slopes))
+
+    return rule
+
+
+def _around(function: Callable[[Array], Array]) -> Callable[[Enclosure], Range]:
+    """Return the range of a function whose derivative is between −1 and 1, and so is it."""
+
+    def span(own: Enclosure) -> Range:
+        low, high = own.values
+        middle, reach = (low + high) / 2, (high - low) / 2
+        value = function(middle)
+        return np.maximum(value - reach, -1.0), np.minimum(value + reach, 1.0)
+
+    return span
+
+
+def _sqrt(own: Enclosure) -> Enclosure:
+    low, high = (np.maximum(end, 0.0) for end in own.values)
+    with np.errstate(divide="ignore"):
+        steep = (1 / (2 * np.sqrt(high)), 1 / (2 * np.sqrt(low)))
+    middle = np.sqrt(np.maximum(own.middle, 0.0))
+    return Enclosure(middle, (np.sqrt(low), np.sqrt(high)), _times(steep, own.slopes))
+
+
+def _highest(one: Any, other: Any) -> Enclosure:
+    a, b = made(one), made(other)
+    first, second = a.values[0] >= b.values[1], b.values[0] >= a.values[1]
+    slopes = tuple(
+        np.where(first, x, np.where(second, y, choose(x, y)))
+        for x, y, choose in zip(a.slopes, b.slopes, (np.minimum, np.maximum), strict=True)
+    )
+    values = tuple(np.maximum(x, y) for x, y in zip(a.values, b.values, strict=True))
+    return Enclosure(np.maximum(a.middle, b.middle), values, slopes)  # type: ignore[arg-type]
+
+
+_COS = _around(np.cos)
+_SIN = _around(np.sin)
+_RULES: dict[np.ufunc, Callable[..., Enclosure]] = {
+    np.add: _sum,
+    np.subtract: lambda one, other: _sum(one, _negative(made(other))),
+    np.negative: _negative,
+    np.multiply: _product,
+    np.divide: _quotient,
+    np.square: _square,
+    np.power: _power,
+    np.sqrt: _sqrt,
+    np.sin: _wave(np.sin, _COS),
+    np.cos: _wave(np.cos, lambda own: _negative_range(_SIN(own))),
+    np.maximum: _highest,
+    np.minimum: lambda one, other: _negative(
+        _highest(_negative(made(one)), _negative(made(other)))
+    ),
+    np.absolute: lambda own: _highest(own, _negative(own)),
+}
+
+
+def _named(name: str) -> Callable[[Any], Any]:
+    function = getattr(np, name)
+    return lambda own: function(own)
+
+
+for _name in ("sin", "cos", "sqrt", "square"):
+    # NumPy asks the entries of an array of objects for a method of the function's name
+    setattr(Enclosure, _name, _named(_name))

@@ -1,0 +1,161 @@
+"""A limit that is judged by its rows: whoever states the inequalities has the judge, too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from trajopt.core.arrays import Array, Indices
+from trajopt.core.limits.enclosures import Enclosure, made
+from trajopt.core.limits.fields import FieldsLimit
+from trajopt.core.limits.limit import Interval, Use
+from trajopt.core.limits.rows import JointState
+from trajopt.core.trajectory import Trajectory
+
+WORST_RTOL = 1e-8
+"""The worst use is this much too large, at most."""
+
+_WITHIN = 1 + 2 * WORST_RTOL
+_MAX_BOXES = 1 << 18
+_SAMPLES = 64  # of each piece, in which an interval of a high use is looked for
+_HALVINGS = 50  # until its ends are known to rounding
+_MAX_DILATION = 2.0**20
+
+
+@dataclass(frozen=True, eq=False)
+class RowLimit(FieldsLimit):
+    """A limit whose rows are all `low ≤ value ≤ high`, with 0 inside.
+
+    The use of a row is its value over its bound. The worst use is found by bounds of the rows over
+    intervals of time, which are halved where the worst one may be (docs/mathematics.md, section 7).
+
+    Attributes:
+        degree: dilating by `k` divides all values by `k ** degree`. None: they change in another
+            way, for example because gravity takes part, and the dilation is searched.
+    """
+
+    degree: ClassVar[int | None] = None
+
+    def worst(self, motion: Trajectory) -> Use:
+        """Return the worst use, at most `WORST_RTOL` too large.
+
+        Rounding of the formula itself is not counted, about 1e-15 of its largest term.
+        """
+        return self._worst(motion)
+
+    def _worst(self, motion: Trajectory, least: float = 0.0, most: float = np.inf) -> Use:
+        """Return the worst use; `least` where it is less, and any above `most` where it is more."""
+        pieces = np.arange(len(motion.lengths))
+        starts, size = np.zeros(len(pieces)), 1.0
+        best, at = least, 0.0
+        while True:
+            middle, highest = self._bounds(motion, pieces, starts + size / 2, size / 2)
+            if not np.isfinite(middle).all():
+                k = int(np.argmin(np.isfinite(middle)))
+                return Use(np.nan, None, float(motion.breaks[pieces[k]]))
+            k = int(middle.argmax())
+            if middle[k] > best:
+                best = float(middle[k])
+                at = motion.breaks[pieces[k]] + (starts[k] + size / 2) * motion.lengths[pieces[k]]
+            enough = best * (1 + WORST_RTOL)
+            left = highest > max(enough, WORST_RTOL)
+            if best > most or not left.any():
+                return Use(enough, None, float(at))
+            if 2 * left.sum() > _MAX_BOXES:
+                return Use(float(highest.max()), None, float(at))
+            size /= 2
+            pieces, starts = np.repeat(pieces[left], 2), np.repeat(starts[left], 2)
+            starts[1::2] += size
+
+    def _bounds(
+        self, motion: Trajectory, pieces: Indices, middles: Array, half: float
+    ) -> tuple[Array, Array]:
+        """Return the use in the middle of intervals, and what it is at most within each."""
+        orders = []
+        for order in range(4):
+            unit = _at(motion.pieces(order)[:, pieces], middles[:, None], half)
+            orders.append([Enclosure.of_polynomial(unit[..., k]) for k in range(motion.joints)])
+        q, v, a, j = orders
+        segments = motion.segments_at(motion.breaks[pieces] + middles * motion.lengths[pieces])
+        uses, bounds = [np.full(len(pieces), -np.inf)], [np.full(len(pieces), -np.inf)]
+        for row in self.rows(JointState(q, v, a, j, segments)):
+            value = made(row.value)
+            low, high = value.values
+            uses.append(np.maximum(value.middle / row.high, value.middle / row.low))
+            bounds.append(np.maximum(high / row.high, low / row.low))
+        return np.maximum.reduce(uses), np.maximum.reduce(bounds)
+
+    def use(self, motion: Trajectory, times: Array) -> Array:
+        """Return the use at times, s."""
+        orders = [list(motion(times, order).T) for order in range(4)]
+        q, v, a, j = orders
+        rows = self.rows(JointState(q, v, a, j, motion.segments_at(times)))
+        return np.maximum.reduce(
+            [np.maximum(own.value / own.high, own.value / own.low) for own in rows]
+        )
+
+    def dilation(self, use: Use, motion: Trajectory) -> float:
+        """Return the least dilation that brings a motion within the limit, infinite if none does.
+
+        A dilation by `k` changes a state `(q, v, a, j)` to `(q, v/k, a/k², j/k³)`. If the rows hold
+        at rest and after a dilation, they hold after a larger one, as with torques: a value between
+        two that are allowed is allowed.
+        """
+        if self.degree is not None:
+            return super().dilation(use, motion)
+        if not np.isfinite(use.value):
+            return np.inf
+
+        def within(factor: float) -> bool:
+            return self._worst(motion.dilated(factor), least=1.0, most=1.0).value <= _WITHIN
+
+        high = 1.0
+        while not within(high):
+            high *= 2
+            if high > _MAX_DILATION:
+                return np.inf
+        low = high / 2
+        while within(low):
+            low, high = low / 2, low
+            if high < 1 / _MAX_DILATION:
+                return 0.0
+        while high - low > WORST_RTOL * high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if within(middle) else (middle, high)
+        return high
+
+    def keeps(self, use: Use, rtol: float) -> bool:
+        return use.value <= 1 + rtol if self.degree is None else super().keeps(use, rtol)
+
+    def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
+        """Yield where the use is above a share, with exact ends, but none between two samples."""
+        grid = np.linspace(motion.breaks[:-1], motion.breaks[1:], _SAMPLES)
+        times = np.unique(grid)
+        above = self.use(motion, times) > share
+        changes = np.flatnonzero(above[1:] != above[:-1])
+        inside = np.where(above[changes], times[changes], times[changes + 1])
+        outside = np.where(above[changes], times[changes + 1], times[changes])
+        for _ in range(_HALVINGS if len(changes) else 0):
+            middle = (inside + outside) / 2
+            more = self.use(motion, middle) > share
+            inside, outside = np.where(more, middle, inside), np.where(more, outside, middle)
+        ends = [*times[:1][above[:1]], *inside, *times[-1:][above[-1:]]]
+        for start, end in zip(ends[::2], ends[1::2], strict=True):
+            yield Interval(None, float(start), float(end))
+
+    def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
+        return {None: self.use(motion, times)}
+
+
+def _at(unit: Array, middles: Array, half: float) -> Array:
+    """Return polynomials of `x` from −1 to 1, at the place `middle + half x` of those given."""
+    shifted = [*unit]
+    count = len(shifted)
+    for last in range(count, 1, -1):  # Taylor's coefficients by Horner's rule, lowest power first
+        for k in range(1, last):
+            shifted[k] = shifted[k] + middles * shifted[k - 1]
+    powers = np.arange(count - 1, -1, -1.0).reshape(-1, *[1] * (unit.ndim - 1))
+    return np.array(shifted) * half**powers
