@@ -30,7 +30,7 @@ def test_the_commands_that_ci_runs_are_there() -> None:
 def test_the_pictures_exist() -> None:
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
     pictures += re.findall(r'src(?:set)?="(.*?)"', README)
-    assert "docs/_static/four-motions-dark.png" in pictures
+    assert "docs/_static/race-dark.png" in pictures
     for picture in pictures:
         assert (ROOT / picture).is_file(), picture
 

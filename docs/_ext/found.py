@@ -9,7 +9,7 @@ from typing import Any
 from docutils import nodes
 from sphinx.application import Sphinx
 
-PREVIEW = "_static/four-motions.png"
+PREVIEW = "_static/race.png"
 LENGTH = 160  # characters of a description that search engines show
 
 

@@ -22,14 +22,17 @@ import numpy as np
 from sphinx.application import Sphinx
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.suites import literature
+from trajopt.benchmark.suites import catalogue, literature
+from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.cli.app import app
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.registry import entries
+from trajopt.planners.registry import entries, load
 from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.views import race
 from trajopt.views.figures import style
+from trajopt.views.figures.draw import LOOKED_FOR, shown_motions
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -126,6 +129,28 @@ def save(figure: plt.Figure, file: Path) -> None:
     plt.close(figure)
 
 
+SEEDS = 30  # runs of a search, of which the median races
+BESIDE = ("ruckig-stop",)  # planners that race the best known motion
+
+
+def race_part(problem: Problem) -> str:
+    """Write the race of an arm's problem; return how its page includes it, or nothing."""
+    if catalogue.chain(problem) is None:
+        return ""
+    file = DOCS / "problems" / f"{slug(problem.name)}-race.html"
+    if not file.is_file():
+        planners = LOOKED_FOR if problem.name == catalogue.PAPER_PROBLEM else BESIDE
+        trials: list[Trial] = []
+        for name in planners:
+            planner = load(name)
+            seeds = range(SEEDS if planner.stochastic else 1)
+            trials += trials_of(planner, problem, seeds, name)
+        write(file, race.fragment(problem, shown_motions(trials, every=True)))
+    return f"""```{{raw}} html
+:file: {file.name}
+```"""
+
+
 def limits_table(problem: Problem) -> str:
     """Return a row per joint with its limits, each with its unit."""
     kinds = problem.limits.kinds.values()
@@ -187,6 +212,8 @@ def problem_page(file: Path) -> list[str]:
 The best known motion through these {len(problem.waypoints)} waypoints of {problem.joints} joints
 takes **{known.duration:.9g} s**. No motion takes less than {known.lower_bound:.9g} s:
 proved within {within} % ({status}).{stops}
+
+{race_part(problem)}
 
 ![Durations known of {name}, and its best known motion: joint positions over time]({image.name})
 

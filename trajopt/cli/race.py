@@ -18,6 +18,7 @@ from trajopt.explain.references import REFERENCES
 from trajopt.views import race as page
 from trajopt.views.analysis.versions import by_label
 from trajopt.views.figures.draw import LOOKED_FOR, median_run, shown_motions
+from trajopt.views.report.verdict import of_problem
 
 _REASON_LENGTH = 200  # characters
 
@@ -50,17 +51,16 @@ def race(
         output,
         seeds=seeds,
         jobs=cpus(),
-        progress=console.progress_line(),
+        progress=console.progress_line() if console.ERR.is_terminal else False,
     )
     motions = shown_motions(results.items, every=True)
     reasons = list(_absent(results.items))
-    for reason in reasons:
-        console.paragraph(reason)
     if not motions:
+        for reason in reasons:
+            console.paragraph(reason)
         return 1
     page.write(loaded, motions, out, notes=reasons)
-    for motion in motions:
-        console.line(f"{motion.trajectory.duration:.4f} s  {motion.name}")
+    console.paragraph(of_problem(results))
     console.line(f"race: {out} ({out.stat().st_size / 1000:.0f} kB)")
     return 0
 

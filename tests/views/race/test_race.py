@@ -207,7 +207,7 @@ def test_the_arm_and_its_bars_are_the_motion_s(browser: Any, page: Path, runners
             assert shown["said"].endswith(f"waypoint {passed} of 4")
     end = chromium.run(browser, STATE, 100)
     assert end[0]["said"] == "Arrived"
-    assert end[2]["said"] == "Arrived, 60.8 % above the optimum"
+    assert end[2]["said"] == "Arrived, 60.8\N{NO-BREAK SPACE}% above the optimum"
 
 
 def test_play_pauses_and_says_who_arrived(browser: Any, page: Path) -> None:

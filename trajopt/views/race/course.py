@@ -72,9 +72,9 @@ def why(problem: Problem, motion: Trajectory) -> str:
     """Say how long a motion is at a limit, and where it stops; or that it breaks one."""
     most = most_used(problem, motion)
     if most > _BROKEN:
-        return f"It breaks a limit: it uses {100 * most:.0f} % of it."
+        return f"It breaks a limit: it uses {100 * most:.0f}\N{NO-BREAK SPACE}% of it."
     share = 100 * share_at_limits(problem, motion)
-    used = f"A joint is at a limit {share:.0f} % of the time."
+    used = f"A joint is at a limit {share:.0f}\N{NO-BREAK SPACE}% of the time."
     inner = motion.waypoint_times[1:-1]
     fastest = problem.limits.in_all_segments(tightest=False).velocity.max(axis=1)
     stops = int((np.abs(motion(inner, 1)) < _RESTING * fastest).all(axis=1).sum())

@@ -111,8 +111,8 @@ const lane = (m, box) => {
       cell.classList.toggle("full", shown >= 99.5);
     });
     const above = 100 * (m.duration / D.goal.duration - 1);
-    line.textContent = !done ? `Hardest used limit ${Math.round(hardest)} %, waypoint ${passed} of ${D.waypoints.length}`
-      : `Arrived${above > .05 ? `, ${above.toFixed(1)} % above ${D.goal.name}` : ""}`;
+    line.textContent = !done ? `Hardest used limit ${Math.round(hardest)}\u00a0%, waypoint ${passed} of ${D.waypoints.length}`
+      : `Arrived${above > .05 ? `, ${above.toFixed(1)}\u00a0% above ${D.goal.name}` : ""}`;
   };
 };
 const lanes = D.motions.map((m, i) => lane(m, root.querySelectorAll(".race-lane")[i]));

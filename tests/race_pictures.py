@@ -1,0 +1,37 @@
+"""Still pictures of a race, for where nothing moves: `NAME.png` and `NAME-dark.png`.
+
+trajopt race six-axis --seeds 30 --out race.html
+python tests/race_pictures.py race.html docs/_static
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import browser as chromium
+
+WIDTH, SCALE = 1040, 1.5
+AT = 1.2  # s
+READY = """while (!document.querySelector(".race").dataset.ready)
+    await new Promise((go) => setTimeout(go, 20));
+document.querySelector(".race-controls").hidden = true;
+document.documentElement.style.overflow = "hidden";
+return document.documentElement.scrollHeight;"""
+
+
+def main(page: Path, folder: Path) -> None:
+    with tempfile.TemporaryDirectory() as profile, chromium.opened(Path(profile)) as browser:
+        for scheme, ending in (("light", ""), ("dark", "-dark")):
+            chromium.prefer(browser, scheme)
+            chromium.resize(browser, WIDTH, 600, SCALE)
+            browser.get("about:blank")
+            browser.get(f"{page.absolute().as_uri()}#{AT}")
+            height = chromium.run(browser, READY)
+            chromium.resize(browser, WIDTH, height, SCALE)
+            (folder / f"{page.stem}{ending}.png").write_bytes(browser.get_screenshot_as_png())
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
