@@ -1,6 +1,6 @@
 // One problem's panel, built when it is opened. A part of script.js: it uses its names.
 const figure = (panel, title, caption) => {
-  const own = make("figure"), text = make("figcaption"), chart = make("div", "", { class: "chart" });
+  const own = make("figure"), text = make("figcaption"), chart = make("div", "", { class: "chart", role: "group", "aria-label": title });
   text.append(make("b", `${title} `), caption);
   own.append(text, chart);
   panel.append(own);
@@ -111,6 +111,7 @@ const limitTable = (found) => {
     ...found.others.map(([name]) => make("th", name, { class: "n" })));
   table.append(make("thead"), make("tbody"));
   table.tHead.append(head);
+  scrolls.observe(scroll);
   for (let j = 0; j < found.joints; j += 1) {
     const row = make("tr"), value = (v) => (v === null ? "none" : signed(v, 3));
     row.append(make("td", found.names[j].replace(/^joint /, "")), ...limited.map(([name]) => {

@@ -82,6 +82,11 @@
     rows.append(...groups.sort(compareKeys(sign)).flatMap(([, own]) => own));
     if (rows === body) apply();
   };
+  // What scrolls sideways is reached by the keyboard.
+  const scrolls = new ResizeObserver((boxes) => boxes.forEach(({ target }) => {
+    if (target.scrollWidth > target.clientWidth) target.tabIndex = 0; else target.removeAttribute("tabindex");
+  }));
+  all(".scroll").forEach((box) => scrolls.observe(box));
   for (const table of all("table.sortable")) {
     [...table.tHead.rows[0].cells].forEach((header, column) => {
       const button = make("button", header.textContent);
@@ -157,6 +162,7 @@
     fitted.observe(element);
     Plotly.react(element, traces, whole, CONFIG);
     for (const button of all(".modebar-btn", element)) button.tabIndex = -1;  // a mouse zooms
+    for (const picture of all(".main-svg", element)) picture.setAttribute("aria-hidden", true);  // its name says it
   };
   const redraw = () => { for (const [element, make] of drawn) draw(element, make); };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
@@ -306,7 +312,7 @@
     $("trials-note").textContent = `${row.trials.length} trial${row.trials.length > 1 ? "s" : ""}${from.size ? "; what the number comes from is bold" : ""}. Choose one for its file, its command and its message.`;
     const head = make("tr");
     head.append(...COLUMNS.map(([title, , form]) => make("th", title, { class: form === String ? "" : "n" })));
-    $("trial-table").tHead.replaceChildren(head);
+    $("trial-table").createTHead().replaceChildren(head);
     $("trial-table").tBodies[0].replaceChildren(...row.trials.map((i) => {
       const line = make("tr", "", { "data-trial": i, id: `trial-${trials.id[i]}`, tabindex: 0 });
       line.append(...COLUMNS.map(([, name, form]) => {
