@@ -55,12 +55,13 @@ def race(
     )
     motions = shown_motions(results.items, every=True)
     reasons = list(_absent(results.items))
+    if motions:
+        page.write(loaded, motions, out, notes=reasons)
+        console.paragraph(of_problem(results))
+    for reason in reasons:
+        console.paragraph(reason)
     if not motions:
-        for reason in reasons:
-            console.paragraph(reason)
         return 1
-    page.write(loaded, motions, out, notes=reasons)
-    console.paragraph(of_problem(results))
     console.line(f"race: {out} ({out.stat().st_size / 1000:.0f} kB)")
     return 0
 
