@@ -11,6 +11,7 @@ import numpy as np
 from trajopt.core.demand import END_STATES, WHOLE_TIMES, names
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
+from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -140,7 +141,8 @@ class Prove(Planner):
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"
-        text = f"no {about} is faster than {bound.lower_bound:.9g} s ({bound.status})"
+        lower = rounded_down(bound.lower_bound, ".9g")
+        text = f"no {about} is faster than {lower} s ({bound.status})"
         if bound.message:
             return f"{text}; {bound.message}"
         if bound.trajectory is None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trajopt.core.numerals import decimal, whole
+from trajopt.core.numerals import decimal, rounded_down, whole
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=100)
 
@@ -45,3 +45,21 @@ def test_other_text_is_no_decimal(text):
 def test_other_text_is_no_whole_number(text):
     with pytest.raises(ValueError, match="is not a whole number"):
         whole(text)
+
+
+@reproducible
+@given(
+    st.floats(1e-9, 1e9),
+    st.sampled_from([".4f", ".6f", ".9f", ".5g", ".6g", ".9g", "#.4g"]),
+)
+def test_a_printed_bound_is_no_larger_than_the_bound(bound, spec):
+    printed = float(rounded_down(bound, spec))
+    assert printed <= bound
+    assert printed == pytest.approx(bound, rel=1e-3, abs=1e-4)
+
+
+def test_a_bound_whose_nearest_decimal_is_larger_is_rounded_down():
+    assert rounded_down(1.4837786, ".6f") == "1.483778"
+    assert rounded_down(2.0, ".6g") == "2"
+    assert rounded_down(float("nan"), ".6g") == "nan"
+    assert rounded_down(float("inf"), ".6g") == "inf"

@@ -21,6 +21,7 @@ from trajopt.cli import console, examples, kinds
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.cli.verify import report
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.formats.motion import ENDINGS
 
@@ -189,7 +190,7 @@ def _print_list(found: Sequence[tuple[Problem, Record | None]]) -> None:
         table.add_row(
             name,
             f"{record.duration:.5g}",
-            f"{record.lower_bound:.5g}",
+            rounded_down(record.lower_bound, ".5g"),
             f"{100 * record.proved_within:.3f}",
             _status(record),
             console.option_lines(record.motion.method),
@@ -327,6 +328,6 @@ def _sentences(outcome: RecordUpdate) -> Iterator[str]:
     elif after is None and before is None:
         yield "no motion keeps every limit, and none is recorded."
     if after is not None and outcome.tighter:
-        bound = f"{after.lower_bound:.9g} s ({after.bound.method})"
+        bound = f"{rounded_down(after.lower_bound, '.9g')} s ({after.bound.method})"
         within = 100 * after.proved_within
         yield f"every motion takes at least {bound}: the optimum is proved within {within:.3g} %."

@@ -15,6 +15,7 @@ from trajopt.cli import console, kinds
 from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import rounded_down
 from trajopt.explain.verdicts import MEANINGS, JudgedClaim, Known, Verdict, judge_claim, survey
 from trajopt.views import table_cells
 
@@ -114,7 +115,8 @@ def _print(published: Published, known: Known, judgements: list[JudgedClaim]) ->
 def _known(known: Known) -> list[str]:
     name = "proved optimum" if known.proved else "best known"
     best = "none" if known.best is None else f"{known.best:.6g} s"
-    proof = f"no motion is faster than {known.lower_bound:.6g} s ({known.bound_by})"
+    lower = rounded_down(known.lower_bound, ".6g")
+    proof = f"no motion is faster than {lower} s ({known.bound_by})"
     families = known.best_of_family.items()
     return [
         f"{name}: {best} ({known.best_by}); {proof}",

@@ -11,6 +11,7 @@ from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number
 from trajopt.core.exceptions import TrajoptError
+from trajopt.core.numerals import rounded_down
 from trajopt.core.solution import Status
 from trajopt.judging.verification import verify
 from trajopt.planners.registry import configured, entries
@@ -86,7 +87,7 @@ def _what(name: str, family: str) -> str:
 def _print(table: dict[str, Any], message: str) -> None:
     """Print the bounds; the planner's message gives the reason for a gap between them."""
     console.headline("", f"{_what(table['problem'], table['family'])}: ", table["status"])
-    console.line(f"  lower bound {table['lower_bound']:.9f} s")
+    console.line(f"  lower bound {rounded_down(table['lower_bound'], '.9f')} s")
     if isfinite(table["proved_within"]):
         console.line(
             f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration"

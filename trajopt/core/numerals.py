@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from decimal import Decimal
+from decimal import ROUND_FLOOR, Decimal, localcontext
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,18 @@ def parsed(text: str) -> int | float | None:
         return None
     value = float(text)
     return value if math.isfinite(value) else None
+
+
+def rounded_down(value: float, spec: str) -> str:
+    """Return a lower bound as text that claims no more than it: `1.4838` as `1.483` with `.4g`.
+
+    Args:
+        value: The bound; NaN and infinity too.
+        spec: As for `format`: `.6f`, `.9g`, `#.4g`.
+    """
+    with localcontext(rounding=ROUND_FLOOR):
+        digits = format(Decimal(value), spec.removeprefix("#"))
+    return format(float(digits), spec)
 
 
 def whole(text: str) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.core.numerals import is_number
+from trajopt.core.numerals import is_number, rounded_down
 from trajopt.core.trajectory import Trajectory
 
 HISTORY_RTOL = 1e-9  # between a history's last claim and the trajectory's duration
@@ -59,8 +59,8 @@ class Solution:
         said = [str(self.status)]
         if isinstance(self.trajectory, Trajectory):
             said.append(f"{self.trajectory.duration:.6g} s")
-        if is_number(self.lower_bound):
-            said.append(f"lower bound {self.lower_bound:.6g} s")
+        if self.lower_bound is not None and is_number(self.lower_bound):
+            said.append(f"lower bound {rounded_down(self.lower_bound, '.6g')} s")
         said += str(self.message).strip().splitlines()[-1:]
         return f"Solution({', '.join(said)})"
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from trajopt.core import dwell
 from trajopt.core.demand import DEMANDS
+from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -40,7 +41,8 @@ def timed(problem: Problem, answer: Solution, solve: Callable[[Problem], Solutio
     free = problem.without(*(key for key in problem.demands if DEMANDS[key].whole))
     bound = max(answer.lower_bound or 0.0, end_to_end_bound(free))
     if "duration" in problem.demands and bound > asked * (1 + GIVEN_RTOL):
-        reason = f"every motion takes {bound:.6g} s at least, {asked:.6g} s are asked for"
+        least = rounded_down(bound, ".6g")
+        reason = f"every motion takes {least} s at least, {asked:.6g} s are asked for"
         return Solution(Status.INFEASIBLE, message=reason, lower_bound=bound)
     if answer.lower_bound is not None:
         answer = replace(answer, lower_bound=max(bound, asked))

@@ -8,6 +8,8 @@ from __future__ import annotations
 from math import comb, floor, isinf, isnan, log10
 from typing import Any
 
+from trajopt.core.numerals import rounded_down
+
 MISSING = "–"
 INFINITE = "∞"
 TO_ROUNDING = "to rounding"  # in place of a share of runs that kept every limit
@@ -124,7 +126,7 @@ LIBRARY = "the part of it inside the calls of the library that a planner wraps"
 def of_summary(row: Any) -> Cells:
     """Return the cells of a problem and planner; without a duration, its bound or status."""
     moves = not isnan(row.median)
-    without = row.status if isnan(row.lower_bound) else f"≥ {row.lower_bound:.4f}"
+    without = row.status if isnan(row.lower_bound) else f"≥ {rounded_down(row.lower_bound, '.4f')}"
     several = moves and row.runs > 1
     return {
         "solved": f"{row.solved} of {row.runs}",
@@ -205,7 +207,8 @@ def reference(row: Any) -> str:
     if row.proved > 0:
         within = 100 * (row.reference / row.proved - 1)
         by = f", checked anew: {row.recorded_proof}" if row.recorded_proof else ""
-        known = f"proved within {within:.3f} % (lower bound {row.proved:.6f} s{by})"
+        lower = rounded_down(row.proved, ".6f")
+        known = f"proved within {within:.3f} % (lower bound {lower} s{by})"
     kinds = {
         "exact": f"the exact optimum, {shortest}",
         "refined": f"refined collocation, {shortest}",

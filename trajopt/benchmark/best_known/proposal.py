@@ -23,6 +23,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, TrajoptError
+from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -254,8 +255,8 @@ def _brief(array: Array, digits: int) -> Array:
 
 def _check_order(record: Record) -> None:
     if record.duration < record.lower_bound * (1 - BETTER_RTOL):
-        name = record.problem.name
+        name, lower = record.problem.name, rounded_down(record.lower_bound, ".9g")
         raise TrajoptError(
             f"{name}: a motion of {record.duration:.9g} s ({record.motion}) is briefer than the "
-            f"proved {record.lower_bound:.9g} s ({record.bound}): one of them is wrong"
+            f"proved {lower} s ({record.bound}): one of them is wrong"
         )

@@ -21,6 +21,7 @@ from trajopt.benchmark.store.folder import Damaged, misstated, texts
 from trajopt.benchmark.store.layout import References
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
+from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 
 BOUND_RTOL = 1e-6  # a smaller excess of a proof over a certified duration, relative, is rounding
@@ -146,7 +147,7 @@ def _checked(then: Trial, now: Trial, shortest: float) -> CheckedTrial:
     bound, unproved = proofs.rechecked(then)
     differences = [*verdicts.changed(then, now), *_foreign(then.problem)]
     if then.lower_bound is not None and then.lower_bound > shortest * (1 + BOUND_RTOL):
-        lower = f"{then.lower_bound:.9g} s"
+        lower = f"{rounded_down(then.lower_bound, '.9g')} s"
         differences.append(f"lower bound: {lower}, but {shortest:.9g} s is certified")
     return CheckedTrial(
         id=then.id,

@@ -26,6 +26,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from trajopt.core.arrays import Array
+from trajopt.core.numerals import rounded_down
 from trajopt.views import table_cells
 from trajopt.views.analysis.curves import GAP_FLOOR
 from trajopt.views.analysis.results import Line
@@ -216,7 +217,7 @@ def _statuses(axes: Axes, rows: Sequence[Line], first: int) -> None:
     for y, row in enumerate(rows, start=first):
         said = row.status
         if row.lower_bound > 0:
-            said = f"{said} (lower bound {row.lower_bound:#.4g} s)"
+            said = f"{said} (lower bound {rounded_down(row.lower_bound, '#.4g')} s)"
         axes.annotate(said, (0, y), (4, 0), **style)
 
 
