@@ -106,7 +106,7 @@ def walled_problem(seed: int) -> Problem:
     return Problem(free.waypoints, Limits(**limits))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_position_limits_are_kept_and_cost_no_more_than_they_must(seed: int) -> None:
     problem = walled_problem(seed)
     solution = Spline353NLP().solve(problem)

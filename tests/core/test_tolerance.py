@@ -208,9 +208,9 @@ def test_a_proof_counts_waypoints_that_rise_through_all_with_a_wait():
 
 def test_what_hardly_moves_is_bounded():
     problem = Problem([[0.0], [0.1], [0.0]], Limits([1.0], [1.0]), tolerance=0.09995)
-    found = proved(problem, within=1e-2)
+    found = proved(problem, within=5e-2)
     optimum = 4 * np.sqrt(0.1 - 0.09995)  # there and back between rests
-    assert 0.98 * optimum <= found.lower_bound <= optimum * (1 + 1e-9)
+    assert 0.94 * optimum <= found.lower_bound <= optimum * (1 + 1e-9)
 
 
 def test_with_jerk_limits_a_turn_is_at_the_near_side_too():

@@ -169,7 +169,10 @@ def test_the_fitness_is_all_that_the_swarms_pairs_differ_in():
     assert {*paired, swarms.NLP} == set(planners)
 
 
-@pytest.mark.parametrize(("experiment", "table"), [(issa_ablation, "origin"), (swarms, "compared")])
+@pytest.mark.parametrize(
+    ("experiment", "table"),
+    [pytest.param(issa_ablation, "origin", marks=pytest.mark.long), (swarms, "compared")],
+)
 def test_quick_forms_resume(experiment, table, tmp_path, capsys, monkeypatch):
     # Small where size shows nothing: intervals, boxes and proofs are as many as it takes.
     monkeypatch.setattr(races, "JOBS", 0)

@@ -97,7 +97,9 @@ def checked(monkeypatch, problem: Problem, lower_bound: float, proof: BoundProof
     return False
 
 
-@pytest.mark.parametrize(("seed", "jerk"), [(0, None), (2, 200.0)])
+@pytest.mark.parametrize(
+    ("seed", "jerk"), [(0, None), pytest.param(2, 200.0, marks=pytest.mark.long)]
+)
 def test_the_script_confirms_a_proof_and_no_more(monkeypatch, seed, jerk):
     problem = two_joints(seed, jerk=jerk)
     found = prove(problem, within=2e-2, time_limit=HANG_S)

@@ -265,7 +265,9 @@ def test_the_first_two_starts_converge(seed: int) -> None:
     assert solution.stats["start_status"] == ["Converged"] * 2
 
 
-@pytest.mark.parametrize(("number", "starts"), [(4, 4), (17, 4), (16, 1)])
+@pytest.mark.parametrize(
+    ("number", "starts"), [(4, 4), (17, 4), pytest.param(16, 1, marks=pytest.mark.long)]
+)
 def test_every_start_converges_where_segments_are_brief(number: int, starts: int) -> None:
     """A segment of 1e-7 s sets its waypoints' velocities in proportion to 1/T."""
     problems = list(islice(families.stream("tiny"), number + 1))

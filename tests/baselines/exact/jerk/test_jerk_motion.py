@@ -25,7 +25,16 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize(("name", "rounding"), NAMES.items())
+LONG = {"random-tiny-j10-w50-jerk-16"}
+
+
+@pytest.mark.parametrize(
+    ("name", "rounding"),
+    [
+        pytest.param(*case, marks=[pytest.mark.long] if case[0] in LONG else [])
+        for case in NAMES.items()
+    ],
+)
 def test_the_motion_is_certified_as_claimed(name: str, rounding: float) -> None:
     problem = load(name)
     solution = ExactJerk().solve(problem)

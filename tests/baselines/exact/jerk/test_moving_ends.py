@@ -69,7 +69,9 @@ def test_a_start_at_its_velocity_limit(seed, joint):
 
 
 # a part is possible at one single instant: of one segment in 13 and 473, of more in 77 and 2091
-@pytest.mark.parametrize("seed", [13, 77, 473, 2027, 2091])
+@pytest.mark.parametrize(
+    "seed", [13, 2027, *(pytest.param(seed, marks=pytest.mark.long) for seed in (77, 473, 2091))]
+)
 def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
     problem = drawn(seed, waypoints=3 + seed // 2 % 3, jerk=True)
     motion = solved(problem)
@@ -129,6 +131,7 @@ def test_a_start_as_fast_as_another_segment_allows():
     solved(Problem(waypoints, limits, start_velocity=[0.3, -0.4]))
 
 
+@pytest.mark.long
 def test_tiny_steps_beside_an_end_are_passed():
     """Of five steps two are tiny: no start that begins on a grid converged there."""
     assert solved(trajopt.problem("moving-random-33")).duration < 1.857

@@ -101,7 +101,7 @@ def test_joints_with_slack_bend_as_waypoints_on_an_optimum_want_it(seed, spacing
     assert certified(ExactJerk(), dense) == pytest.approx(motion.duration, rel=1e-6)
 
 
-@pytest.mark.parametrize("stiffness", [None, 1.0])
+@pytest.mark.parametrize("stiffness", [None, pytest.param(1.0, marks=pytest.mark.long)])
 def test_a_joint_that_moves_in_tiny_steps_alone_rests(stiffness):
     """Its steps are above its rounding, but the waypoint between them may be missed."""
     line = [0.0, 0.5, 0.5 + 1e-6, 0.5 + 2e-6, 1.0]
@@ -131,6 +131,7 @@ def around_a_waypoint(seed, spacing, count):
     return motion.duration, dense
 
 
+@pytest.mark.long
 def test_a_dense_problem_of_the_suites_needs_many_steps_once_waypoints_are_put_back():
     """Once 157 % above its record, as 600 Newton steps did not suffice."""
     problem = load("edges-dense-geometric")
