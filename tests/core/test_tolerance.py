@@ -183,7 +183,7 @@ def test_a_bound_leaves_out_waypoints_that_one_instant_passes():
     assert counted(waits).tolist() == [True, False, True, True]
 
 
-@pytest.mark.parametrize("jerk", [None, [10.0]])
+@pytest.mark.parametrize("jerk", [None, pytest.param([10.0], marks=pytest.mark.long)])
 def test_a_bound_counts_the_limits_of_a_segment_that_takes_no_time(jerk):
     velocity = np.array([[[-9.0, 9.0]], [[-0.5, 0.5]], [[-9.0, 9.0]]])
     limits = Limits(velocity, [1.0], jerk)
@@ -349,7 +349,9 @@ def test_passing_times_within_boxes_keep_least_times_and_limits_of_segments(tmp_
     assert verify(problem, passing(problem, untimed)).feasible
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (0, 3))]
+)
 def test_a_bound_without_a_waypoint_has_the_widest_limits_of_both_segments(seed):
     """Which segment a motion is in where a waypoint is left out, nobody knows."""
     rng = np.random.default_rng(seed)
