@@ -109,12 +109,12 @@ VARIANTS: dict[str, dict[str, Variant]] = {
 }
 
 
-def problems(planner: str, motions: int) -> Iterator[tuple[Problem, float]]:
+def problems(planner: str, motions: int, every: int = EVERY) -> Iterator[tuple[Problem, float]]:
     """Yield problems, and durations that are possible, s (infinite where none is known)."""
     jerk = planner == "exact-jerk"
     for name in ("moving", "demands"):
         chosen = [own for own in catalogue.problems(name) if own.has("jerk") is jerk]
-        yield from ((own, np.inf) for own in chosen[::EVERY])
+        yield from ((own, np.inf) for own in chosen[::every])
     for index in range(int(jerk), 2 * motions, 2):
         drawn = mixes.draw(index)
         yield drawn, np.inf
@@ -149,17 +149,22 @@ def durations(planner: str, asked: list[tuple[Problem, float]], variant: Variant
 
 
 def main(
-    planner: str = "exact", motions: int = 30, output: Path = Path("results"), quick: bool = False
+    planner: str = "exact",
+    motions: int = 30,
+    every: int = EVERY,
+    output: Path = Path("results"),
+    quick: bool = False,
 ) -> None:
     """Write a row per variant.
 
     Args:
         planner: `exact` or `exact-jerk`.
         motions: How many drawn problems' motions are cut.
+        every: Which problems of `moving` and `demands` count: 2 for every other one.
         output: Folder of the table.
         quick: Two motions.
     """
-    asked = list(problems(planner, 2 if quick else motions))
+    asked = list(problems(planner, 2 if quick else motions, every))
     say(f"{len(asked)} problems")
     rows: dict[str, Any] = {}
     for name, variant in VARIANTS[planner].items():
@@ -174,6 +179,7 @@ def main(
             "longer": int((excess > LONGER).sum()),
             "no answer": int(np.isinf(excess).sum()),
             "longer at worst, %": 100 * max(excess[np.isfinite(excess)], default=0.0),
+            "where": asked[excess.argmax()][0].name if excess.max() > LONGER else None,
             "CPU time": cpu / spent,
         }
         for name, (own, cpu) in rows.items()

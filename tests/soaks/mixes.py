@@ -109,7 +109,8 @@ def wider(problem: Problem) -> Iterator[tuple[str, Problem]]:
     for key, factor in (("tolerance", WIDER), ("least_times", 1 / WIDER)):
         if key in problem.demands:
             demands = {**problem.demands, key: factor * problem.demands[key]}
-            yield key, replace(problem, demands=demands)
+            with suppress(InvalidInput):  # within a tolerance so wide no motion is needed
+                yield key, replace(problem, demands=demands)
     for key in ("velocity", "acceleration"):
         yield key, replace(problem, limits=problem.limits.widened(key, None, WIDER - 1))
 

@@ -528,6 +528,13 @@ def keeping(
     return motion if least is None or least.value <= 1 + KEPT_RTOL else None
 
 
+def keeps(problem: Problem, trajectory: Trajectory) -> bool:
+    """Return whether a motion keeps every limit up to rounding, repaired or as it is returned."""
+    if keeping(problem, trajectory) is not None:
+        return True
+    return _missed_as_returned(within_tolerance(problem, trajectory), trajectory, ()) is not None
+
+
 def _not_slower(problem: Problem, uses: Mapping[str, Use], motion: Trajectory) -> str:
     """Return the flaw of a motion that breaks a limit, if no slower one is found."""
     kinds = problem.limits.kinds

@@ -156,10 +156,8 @@ def _freely(
 ) -> Solution:
     def optimum(scaled: Passing, found: FreeOptimum) -> LocalOptimum:
         near = scaled.tolerance.any()
-        whole = scaled.shifted(found.offset) if near else scaled
-        times, velocity = instants.sharpened(whole, found.times, found.velocity)
-        states = (velocity, found.offset) if near else velocity
-        return LocalOptimum(float(times.sum()), times, states, "Converged")
+        states = (found.velocity, found.offset) if near else found.velocity
+        return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
 
     scales = [Passing(problem, passing) for _ in free_pieces.SPARES]
     return planner.freely(problem, scales, optimum, below)

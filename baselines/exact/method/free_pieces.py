@@ -23,9 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.exact.method.scaled import Scaled
-from baselines.ipopt import Options, Program, flat, program, unflat
+from baselines.ipopt import Bounds, Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
+from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
 
 # Pieces of a joint in a segment where no jerk is limited (it speeds up, cruises, brakes), and else.
@@ -46,6 +48,12 @@ _BRIEFEST = 1e-6  # of the times of stopping
 _MISS_COST = 100.0
 _MISSING = 0.1
 _MISSED = 1e-6
+# After IPOPT, in units of the largest excess over a constraint: constraints with more room do not
+# count; no variable changes by more. The cost of the excess, beside all changes together.
+_FAR = 1e5
+_EXCESS_COST = 1e5
+_SHARPENINGS = 5
+_SHARP = 4e-16  # without units: no excess
 _OPTIONS: Options = {
     "tol": 1e-10,
     "constr_viol_tol": 1e-12,
@@ -63,12 +71,15 @@ class FreeOptimum(NamedTuple):
         times: of the segments, `(segments,)`.
         velocity, acceleration: at the waypoints with a state, `(waypoints, joints)`.
         offset: of these waypoints from their nominal places, likewise.
+        pieces: of the joints, one after another: their lengths, and velocities, accelerations and
+            jerks at their starts, `(4, pieces, joints)`.
     """
 
     times: Array
     velocity: Array
     acceleration: Array
     offset: Array
+    pieces: Array
 
 
 def choices(problem: Problem) -> int:
@@ -139,30 +150,110 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     mean = np.repeat(h / shares[:, None], pieces, axis=0)
     guess = flat(shares, lengths, mean, still, still, 0 * box, missing + _MISSING)
     exact = flat(*longest, v_at_start[1], a_at_start[1], jerk[1], box, missing)
+    solver = _solver(segments, joints, pieces)
+    parameters = flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:])
+    rows = (
+        flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
+        flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
+    )
     answer = None
     for most in (high, exact):  # the second begins at the answer of the first
-        run = _solver(segments, joints, pieces)(
-            start=np.clip(guess, low, most),
-            parameters=flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:]),
-            bounds=(low, most),
-            constraint_bounds=(
-                flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
-                flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
-            ),
-        )
+        run = solver(np.clip(guess, low, most), parameters, (low, most), rows)
         if not run.x[-missing.size :].max() <= _MISSED:
             break
         answer = guess = run.x
     if answer is None:
         return None
+    answer = _sharpened(solver, answer, parameters, (low, exact), rows)
     shapes = [times.shape, *([still.shape] * 4), box.shape, missing.shape]
-    found, _, velocity, acceleration, _, offset, _ = unflat(answer, shapes)
+    found, lengths, velocity, acceleration, jerks, offset, _ = unflat(answer, shapes)
+    velocity, acceleration = velocity / rate, acceleration / bend
     return FreeOptimum(
         unit * found,
-        velocity[at_waypoints] / rate,
-        jerky * acceleration[at_waypoints] / bend,
-        np.clip(way * offset, -scaled.tolerance, scaled.tolerance),  # IPOPT moves bounds by 2e-12
+        velocity[at_waypoints],
+        jerky * acceleration[at_waypoints],
+        way * offset,
+        np.array([unit * lengths, velocity, acceleration, jerks * way / unit**3]),
     )
+
+
+def motion(scaled: Scaled, found: FreeOptimum) -> Trajectory | None:
+    """Return the motion of the pieces themselves, each joint with breaks of its own, if it is one.
+
+    Near an end that leaves a joint one motion the planner's own motion, of the same states, may
+    exceed a limit by the rounding of these.
+    """
+    places = np.array(scaled.problem.waypoints)
+    places[1 : len(found.offset) + 1] += scaled.units[-1] * found.offset
+    segments, joints = scaled.h.shape
+    tables = []
+    for joint in range(joints):
+        lengths, velocity, acceleration, jerk = (
+            own * table[:, joint].reshape(segments, -1)
+            for own, table in zip(
+                (scaled.unit, *scaled.units[2::-1, joint]), found.pieces, strict=True
+            )
+        )
+        gained = lengths * (velocity + lengths * (acceleration / 2 + lengths * jerk / 6))
+        position = places[:-1, [joint]] + np.cumsum(gained, axis=1) - gained
+        breaks = np.append(0.0, np.cumsum(lengths))
+        kept = np.diff(breaks) > 0
+        rows = np.array([jerk / 6, acceleration / 2, velocity, position]).reshape(4, -1)
+        tables.append((np.append(breaks[:-1][kept], breaks[-1]), rows[:, kept]))
+    try:
+        return Trajectory.joined(tables, np.append(0.0, np.cumsum(scaled.unit * found.times)))
+    except InvalidTrajectory:
+        return None
+
+
+def _sharpened(solver: Program, x: Array, parameters: Array, bounds: Bounds, rows: Bounds) -> Array:
+    """Return a point near `x` that keeps the constraints to rounding; IPOPT keeps them to 1e-12.
+
+    Each linear program has the constraints' first derivatives. It looks for the least excess, and
+    for the least change besides.
+    """
+    from scipy.optimize import linprog  # late: few motions need it
+    from scipy.sparse import block_array
+
+    best = np.clip(x, *bounds)
+    values, derivatives = solver.linear(best, parameters)
+    for _ in range(_SHARPENINGS):
+        unit = _excess(values, rows)
+        if unit <= _SHARP:
+            break
+        above, below = (values - rows[0]) / unit, (rows[1] - values) / unit
+        near = [side < _FAR for side in (above, below)]
+        change = [-derivatives[near[0]], derivatives[near[1]]]
+        excess = [-np.ones((own.sum(), 1)) for own in near]
+        found = linprog(
+            np.append(np.ones(2 * len(x)), _EXCESS_COST),
+            A_ub=block_array([[own, -own, one] for own, one in zip(change, excess, strict=True)]),
+            b_ub=np.concatenate([above[near[0]], below[near[1]]]),
+            bounds=np.vstack(
+                [
+                    *(
+                        np.column_stack([0 * x, np.clip(room / unit, 0, _FAR)])
+                        for room in (bounds[1] - best, best - bounds[0])
+                    ),
+                    [0.0, np.inf],
+                ]
+            ),
+            options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+        )
+        if found.x is None:
+            break
+        upwards, downwards = found.x[:-1].reshape(2, -1)
+        tried = np.clip(best + unit * (upwards - downwards), *bounds)
+        values, derivatives = solver.linear(tried, parameters)
+        if not _excess(values, rows) < unit:
+            break
+        best = tried
+    return best
+
+
+def _excess(values: Array, rows: Bounds) -> float:
+    """Return by how much values leave their bounds at most."""
+    return float(np.maximum(rows[0] - values, values - rows[1]).max())
 
 
 @cache

@@ -22,7 +22,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import keeping, verify
+from trajopt.judging.verification import keeping, keeps, verify
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
 
@@ -158,7 +158,9 @@ class SeveralStarts(Planner):
                 if not found.times.sum() < shortest:
                     break
                 motion = motion_of(scaled, optimum(scaled, found))
-                if motion is not None and keeping(known, motion) is not None:
+                if motion is None or not keeps(known, motion):
+                    motion = free_pieces.motion(scaled, found)
+                if motion is not None and keeps(known, motion):
                     shortest, best = float(found.times.sum()), motion
                     break
         if best is None:

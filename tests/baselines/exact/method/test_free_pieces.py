@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +12,10 @@ from baselines.exact.acceleration.planner import Passing
 from baselines.exact.jerk.motion import Reachable
 from baselines.exact.method import free_pieces
 from baselines.exact.method.free_pieces import minimised
-from baselines.ipopt import Run
+from baselines.ipopt import Program, Run
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
+from trajopt.judging.verification import keeps
 
 WAYPOINTS = [[0.0], [1.0], [2.0]]
 
@@ -51,12 +52,42 @@ def test_a_tolerance_shortens_the_way() -> None:
     assert duration(turn, 1.0, 0.7) == pytest.approx(4 * np.sqrt(0.9), rel=1e-7)
 
 
+class Unconverged(Program):
+    """A program whose runs IPOPT does not call converged."""
+
+    def __call__(self, *data: Any) -> Run:
+        return replace(super().__call__(*data), success=False)
+
+
 def test_an_iterate_that_has_not_converged_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its duration is known long before IPOPT's tolerances are met; the judge decides about it."""
     build = free_pieces._solver
-
-    def unconverged(*size: int) -> Callable[..., Run]:
-        return lambda **data: replace(build(*size)(**data), success=False)
-
-    monkeypatch.setattr(free_pieces, "_solver", unconverged)
+    monkeypatch.setattr(free_pieces, "_solver", lambda *size: Unconverged(build(*size)._solver))
     assert duration(Problem(WAYPOINTS, Limits([10], [0.5]))) == pytest.approx(4.0, rel=1e-8)
+
+
+def test_where_only_one_motion_is_left_the_answer_keeps_its_limits_to_rounding() -> None:
+    """A part of an optimal motion, cut at its controller's cycle: it took 0.831 s there.
+
+    0.6 ms before the end the limits change, and the joint's states leave it no choice. IPOPT's own
+    point breaks a limit by 1e-9.
+    """
+    limits = Limits(
+        [[[-1.954533109443162, 1.954533109443162]], [[-1.6877714442051084, 1.6877714442051084]]],
+        [[[-1.936421196519623, 1.936421196519623]], [[-2.4420567147211054, 2.4420567147211054]]],
+        [[[-50.43908014830924, 50.43908014830924]], [[-29.811266412973943, 29.811266412973943]]],
+    )
+    problem = Problem(
+        [[0.6930888978368754], [0.35136798219887455], [0.35081601519261424]],
+        limits,
+        end_velocity=[-0.059480125860686704],
+        end_acceleration=[2.1784229307828],
+    )
+    scaled = Reachable(problem)
+    _, even, *_ = free_pieces.guesses(scaled)
+    found = minimised(scaled, even)
+    assert found is not None
+    motion = free_pieces.motion(scaled, found)
+    assert motion is not None
+    assert keeps(problem, motion)
+    assert motion.duration == pytest.approx(0.831, rel=1e-9)
