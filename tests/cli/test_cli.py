@@ -99,7 +99,7 @@ def parsed(text):
 def test_list_json_has_every_planner_with_all_options_and_every_problem(trajopt):
     code, out, err = trajopt("list --json")
     found = parsed(out)
-    assert (code, err, list(found)) == (0, "", ["planners", "problems", "robots"])
+    assert (code, err, list(found)) == (0, "", ["planners", "problems", "robots", "limits"])
     planners = {p["name"]: p for p in found["planners"]}
     assert planners.keys() >= NAMES
     for name in NAMES:

@@ -59,7 +59,7 @@ def test_a_command_alone_says_what_it_needs_with_an_example(asked, needed, capsy
     assert EXAMPLES[asked.split()[0]][0] in said
 
 
-@pytest.mark.parametrize("kind", ["planners", "problems", "robots"])
+@pytest.mark.parametrize("kind", ["planners", "problems", "robots", "limits"])
 def test_one_list_is_a_part_of_all(kind, capsys):
     printed = []
     for asked in (["list"], ["list", kind]):

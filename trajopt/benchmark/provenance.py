@@ -43,6 +43,9 @@ import numpy as np
 from trajopt.benchmark.commit import commit
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.harmless import harmless
+from trajopt.core.limits import KINDS
+from trajopt.core.limits.strangers import is_ours
+from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries
 
@@ -94,6 +97,18 @@ def provenance() -> dict[str, str]:
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
         "cpu": _processor(),
     }
+
+
+def judge_digest(problem: Problem | None = None) -> str:
+    """Return the digest of the code that judges a problem: ours, and that of strangers' limits.
+
+    Without a problem: of all kinds of limits that this process has imported.
+    """
+    known = problem.limits.kinds if problem else KINDS
+    kinds = [KINDS[key] for key in known]
+    others = {own.key: _digest(own) for own in kinds if not is_ours(own)}
+    ours = provenance()["judge_digest"]
+    return _sha(json.dumps([ours, *sorted(others.items())])) if others else ours
 
 
 def code_of(planner: Planner) -> Code:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.benchmark.provenance import Code, code_of, plain, provenance
+from trajopt.benchmark.provenance import Code, code_of, judge_digest, plain, provenance
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import (
     InvalidInput,
@@ -435,7 +435,12 @@ def unanswered(
         solve_time=0.0,
         batch=1,
         started=now(),
-        provenance=provenance() | entrant.code.as_dict() | dict(limits),
+        provenance={
+            **provenance(),
+            "judge_digest": judge_digest(problem),
+            **entrant.code.as_dict(),
+            **limits,
+        },
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Sequence
 from typing import TextIO
 
 import cyclopts
@@ -27,7 +28,8 @@ _OVERWRITTEN = (
 app = cyclopts.App(
     name="trajopt",
     help="How far from optimal is a robot trajectory planner? Exact minimum-time references, "
-    "every answer verified.\n\n" + SCOPE,
+    "every answer verified.\n\n" + SCOPE + "\n\n"
+    "With any command, --kind FILE.py:NAME makes a kind of limit of your own known.",
     version_flags=["--version"],
     help_format="plaintext",
     default_parameter=cyclopts.Parameter(negative=()),  # no --no-force, no --empty-planner
@@ -36,7 +38,7 @@ app = cyclopts.App(
 _COMMANDS = {
     "list": (
         "listing:list_",
-        "List planners, with their options and defaults, built-in problems and robots.",
+        "List planners with their options and defaults, problems, robots, and kinds of limits.",
     ),
     "suite": (
         "suite:app",
@@ -110,7 +112,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         if "Problem" not in dir(trajopt):
             raise TrajoptError(_OVERWRITTEN)
-        code = _run(arguments)
+        code = _run(_without_kinds(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, `head` perhaps, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -123,6 +125,27 @@ def main(arguments: list[str] | None = None) -> None:
         console.note("stopped; finished trials are kept, run the same command to go on")
         sys.exit(STOPPED)
     sys.exit(code)
+
+
+def _without_kinds(arguments: Sequence[str]) -> list[str]:
+    """Import the kinds of limits of `--kind`, and return the other arguments.
+
+    Raises:
+        TrajoptError: A kind cannot be imported.
+    """
+    left: list[str] = []
+    given = iter(arguments)
+    for argument in given:
+        option, equals, value = argument.partition("=")
+        if argument == "--":
+            return [*left, argument, *given]
+        if option != "--kind":
+            left.append(argument)
+            continue
+        from trajopt.core.limits import limit  # late: `--help` answers at once
+
+        limit.in_file(value if equals else next(given, ""))
+    return left
 
 
 def _run(arguments: list[str] | None) -> int:

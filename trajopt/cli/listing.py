@@ -1,4 +1,4 @@
-"""`trajopt list`: planners with the limits that they keep, built-in problems, and robots."""
+"""`trajopt list`: planners and the limits that they keep, problems, robots, kinds of limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import Json
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import TrajoptError, UnknownName
-from trajopt.core.limits import LimitName, Limits
+from trajopt.core.limits import KINDS, LimitName, Limits, strangers
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Relation
 from trajopt.planners.registry import Entry, entries
@@ -26,10 +26,11 @@ _OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
 
 
 def list_(what: str = "", /, *, json: Json = False) -> int:
-    """List planners, with their options and defaults, built-in problems and robots.
+    """List planners with their options and defaults, problems, robots, and kinds of limits.
 
     Args:
-        what: planners, problems or robots; or a planner, with every optimiser that it has by name.
+        what: planners, problems, robots or limits; or a planner, with every optimiser that it has
+            by name.
     """
     if what and what not in _READ:
         return _one(what, as_json=json)
@@ -138,6 +139,53 @@ def _arm(name: str) -> dict[str, Any]:
     }
 
 
+def _kind(key: str) -> dict[str, Any]:
+    """Describe a kind of limit; one that a package registers and no problem has used by its place.
+
+    That one is not imported.
+    """
+    point = strangers.registered().get(key)
+    package = point.dist.name if point is not None and point.dist else ""
+    row: dict[str, Any] = {
+        "name": key,
+        "description": "",
+        "fields": [],
+        "rows": None,
+        "from": "",
+        "refused": "",
+    }
+    if key not in KINDS:
+        assert point is not None
+        return row | {"from": f"{point.value} of package {package}"}
+    kind = KINDS[key]
+    ours = strangers.is_ours(kind)
+    if ours and point is not None:
+        row["refused"] = f"{point.value} of package {package} has this key too, and is not used"
+    return row | {
+        "description": (kind.__doc__ or "").partition("\n")[0],
+        "fields": [field.name for field in getattr(kind, "fields", ())],
+        "rows": kind.has_rows(),
+        "from": "" if ours else f"{kind.__module__}.{kind.__qualname__}",
+    }
+
+
+def _kind_table(kinds: Sequence[dict[str, Any]]) -> PlainTable:
+    table = console.table("limit", "what it is, its numbers, and whether its rows are planned for")
+    for kind in kinds:
+        lines = [Text(console.visible(kind["description"] or "imported when a problem has it"))]
+        if kind["fields"]:
+            lines.append(Text(console.visible(", ".join(kind["fields"])), "dim"))
+        if kind["rows"] is not None:
+            said = "planners that take rows plan for it" if kind["rows"] else "it states no rows"
+            lines.append(Text(said, "dim"))
+        if kind["from"]:
+            lines.append(Text(console.visible(kind["from"]), "dim"))
+        if kind["refused"]:
+            lines.append(Text(console.visible(kind["refused"]), "red"))
+        table.row(console.bold(kind["name"]), Text("\n").join(lines))
+    return table
+
+
 def _planner_table(planners: Sequence[dict[str, Any]]) -> PlainTable:
     table = console.table("planner", "what it is, its options, and the limits it knows")
     for planner in planners:
@@ -191,5 +239,11 @@ _READ: dict[str, Callable[[], list[dict[str, Any]]]] = {
     "planners": lambda: [described(entry) for entry in entries().values()],
     "problems": lambda: [_problem(name) for name in catalogue.problem_files()],
     "robots": lambda: [_arm(name) for name in robots.arm_files()],
+    "limits": lambda: [_kind(key) for key in dict.fromkeys([*KINDS, *strangers.registered()])],
 }
-_TABLES = {"planners": _planner_table, "problems": _problem_table, "robots": _arm_table}
+_TABLES = {
+    "planners": _planner_table,
+    "problems": _problem_table,
+    "robots": _arm_table,
+    "limits": _kind_table,
+}

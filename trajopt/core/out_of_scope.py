@@ -38,11 +38,11 @@ _ELSEWHERE = {
     r"(relative_)?(dynamics|velocity|acceleration|jerk)(_rel|_factor)": _SPEED,
     r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (
         "torques are not in this tool; the nearest are acceleration limits that the arm can keep "
-        "in its worst pose"
+        "in its worst pose, or a kind of limit of your own, with --kind"
     ),
     r"\w*(tcp|tool|cartesian|end_effector)\w*|ee_\w+": (
         "limits of the tool are not in this tool; the nearest are lower velocity limits of the "
-        "joints"
+        "joints, or a kind of limit of your own, with --kind"
     ),
     r"\w*(obstacle|collision|octomap)\w*|(planning_)?scene|clearance": (
         "obstacles are not in this tool; the nearest are more waypoints, of a path that a "

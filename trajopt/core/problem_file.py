@@ -65,7 +65,7 @@ from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import text_at
 from trajopt.core.keys import Key, Keys
-from trajopt.core.limits import KINDS, Limit, Limits, segment_tables
+from trajopt.core.limits import KINDS, Limit, Limits, segment_tables, strangers
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 
@@ -122,13 +122,14 @@ def units(path: Path) -> list[str]:
 def limit_keys() -> Keys:
     """Return the keys of its limits: each kind that there is now, a new one too."""
     kinds = {key: Key(keys.anything, kind.name()) for key, kind in KINDS.items()}
-    return {**kinds, segment_tables.KEY: Key(keys.anything, "limits of one segment")}
+    others = {key: Key(keys.anything, "a limit of a package") for key in strangers.registered()}
+    return {**others, **kinds, segment_tables.KEY: Key(keys.anything, "limits of one segment")}
 
 
 def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem]) -> Problem:
     arm = _arm(table)
     required = ("waypoints",) if arm else ("limits", "waypoints")
-    for key in KINDS:
+    for key in (*KINDS, *strangers.registered()):
         if key in table:
             raise InvalidInput(key, f"this key under [limits], as {key} = [...]", value=table[key])
     others = keys.unread("", table, KEYS, required, strictness="ours")

@@ -103,15 +103,14 @@ def test_a_worker_that_judges_by_other_code_is_refused_in_a_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Threads are this process: as a worker of another version they have another digest."""
-    own = runner.provenance()
+    own = runner.judge_digest()
     request = runner._request
-    other = {**own, "judge_digest": "0"}
 
     def elsewhere(*given: Any) -> Any:
-        return replace(request(*given), digest=own["judge_digest"])
+        return replace(request(*given), digest=own)
 
     monkeypatch.setattr(runner, "_request", elsewhere)
-    monkeypatch.setattr(runner, "provenance", lambda: other)
+    monkeypatch.setattr(runner, "judge_digest", lambda problem: "0")
     with ThreadPoolExecutor(1) as executor, pytest.raises(WorkerError) as refused:
         statuses(tmp_path, executor)
     assert "has another version of trajopt than this run" in str(refused.value)

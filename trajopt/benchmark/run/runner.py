@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import cloudpickle
 
-from trajopt.benchmark.provenance import provenance
+from trajopt.benchmark.provenance import judge_digest
 from trajopt.benchmark.run import answer, dask, server
 from trajopt.benchmark.run.judge import (
     Ending,
@@ -172,7 +172,7 @@ def supervised(request: Request) -> list[Written]:
     Raises:
         WorkerError: The worker's installation judges by other code than the run's.
     """
-    if provenance()["judge_digest"] != request.digest:
+    if judge_digest(request.problem) != request.digest:
         raise WorkerError(
             f"a worker on {platform.node()} has another version of trajopt than this run; install "
             "the same there"
@@ -374,6 +374,6 @@ def _pickled(profile: Profile) -> str | bytes:
 
 
 def _request(task: Task, source: str | bytes, store: Store, allowed: Allowance) -> Request:
-    digest = provenance()["judge_digest"]
+    digest = judge_digest(task.problem)
     entrant = task.profile.entrant
     return Request(entrant, task.problem, task.seeds, source, store, allowed, digest)

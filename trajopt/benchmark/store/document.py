@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.trial import well_formed
 from trajopt.core.demand import DEMANDS
-from trajopt.core.exceptions import InvalidInput, shown
+from trajopt.core.exceptions import InvalidInput, TrajoptError, shown
 from trajopt.core.files import MAX_DIGITS, check_keys
 from trajopt.core.harmless import harmless
 from trajopt.core.limits import Limit, Limits, named
+from trajopt.core.limits.strangers import registered
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -35,6 +36,17 @@ _ARRAY_KINDS = "biufUmM"  # NumPy's letters for numbers, truth values, texts and
 
 class Malformed(ValueError):
     """A stored value of the wrong kind for its key."""
+
+
+class UnknownKind(TrajoptError, LookupError):
+    """A stored problem has a kind of limit that is not known here, or that cannot be imported."""
+
+    def __init__(self, key: str, error: Exception) -> None:
+        told = f" ({error})" if key in registered() else ""
+        super().__init__(
+            f"a problem has {key!r} limits, a kind that is not known here: install the package "
+            f"that brings it, or name its file with --kind FILE.py:NAME{told}"
+        )
 
 
 # --- values ---
@@ -241,8 +253,12 @@ def problem_of(table: Any) -> Problem:
 def _limit(key: str, rows: Any) -> Limit:
     """Return a limit from stored numbers; null is no limit."""
     try:
+        kind = named(key)
+    except TrajoptError as error:
+        raise UnknownKind(key, error) from error
+    try:
         numbers = np.array(rows, dtype=float)
-        return named(key).of_numbers(numbers)
+        return kind.of_numbers(numbers)
     except (TypeError, ValueError, IndexError):
         raise Malformed(f"problem.limits.{key}: expected numbers, a row per joint") from None
 

@@ -18,9 +18,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
-from trajopt.benchmark.provenance import provenance
+from trajopt.benchmark.provenance import judge_digest
 from trajopt.benchmark.store import atomic, layout, results_file, trial_text, verdicts
-from trajopt.benchmark.store.document import Malformed
+from trajopt.benchmark.store.document import Malformed, UnknownKind
 from trajopt.benchmark.store.layout import Key, References, Table
 from trajopt.benchmark.store.results_file import Stored, StoredRow, Version
 from trajopt.benchmark.store.trial_text import WrongSchema
@@ -201,7 +201,7 @@ class Store:
     def _is_current(self) -> bool:
         """Return whether `results.h5` has the folder's texts, and this installation's verdicts."""
         try:
-            with results_file.product(self.results, provenance()["judge_digest"]) as held:
+            with results_file.product(self.results, judge_digest()) as held:
                 texts = {entry.id: text for entry, text in held}
             paths = _trial_files(self.folder)
             same = (texts.get(_id(path)) == _load(path) for path in paths)
@@ -217,7 +217,7 @@ class Store:
             text = known.text(path, damaged.append)
             if text is not None:
                 texts[_id(path)] = text
-        judge = provenance()["judge_digest"]
+        judge = judge_digest()
         bad = len(damaged)
 
         def content(old: Sequence[tuple[StoredRow, bytes]]) -> bytes:
@@ -225,7 +225,8 @@ class Store:
             kept = [entry for entry, text in old if texts.get(entry.id) == text]
             stored = self._rows(texts, kept, known, references, damaged.append)
             known.versions = [results_file.version(own) for own in stored.entries]
-            return results_file.content(stored, judge)
+            # a stranger's kind of limit may have been imported by reading
+            return results_file.content(stored, judge_digest())
 
         try:
             with results_file.product(self.results, judge) as old:
@@ -427,8 +428,7 @@ def _arranged(
 
 def save(path: Path, trial: Trial, references: References | None = None) -> Path:
     """Write a `results.h5` of one trial."""
-    judge = provenance()["judge_digest"]
-    content = rebuilt([trial_text.write(trial)], references, judge=judge)
+    content = rebuilt([trial_text.write(trial)], references, judge=judge_digest(trial.problem))
     atomic.write(path, content + results_file.seal(content))
     return path
 
@@ -631,6 +631,8 @@ def _reading(path: Path) -> Iterator[None]:
         raise WrongSchema(str(path)) from error
     except StoreError:
         raise
+    except UnknownKind as error:
+        raise Damaged(path, str(error)) from error
     except FileNotFoundError:
         raise Damaged(path, "no such file; expected a results folder or results.h5") from None
     except OSError as error:

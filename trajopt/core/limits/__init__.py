@@ -8,6 +8,7 @@ In reading order:
 - `row_limit`: a kind that is judged by its rows, too, with `enclosures`: bounds of a formula;
 - `peaks`: the exact peak of a derivative over a whole motion;
 - `joint_limit`: an interval for a joint's position or one of its derivatives;
+- `strangers`: kinds of other people's packages and files;
 - `beside_resting`: a limit of several joints, some of which rest;
 - `limits`: all limits of a problem;
 - `segment_tables`: limits of one segment in a problem file;

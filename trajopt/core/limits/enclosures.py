@@ -69,14 +69,14 @@ def _plus(one: Range, other: Range) -> Range:
 
 
 def _times(one: Range, other: Range) -> Range:
+    (a, b), (c, d) = one, other
     with np.errstate(invalid="ignore"):  # 0 times infinity
-        ends = np.array(
-            [np.broadcast_arrays(x * y, one[0] + other[0])[0] for x in one for y in other]
-        )
-    lowest, highest = ends.min(axis=0), ends.max(axis=0)
-    return np.nan_to_num(lowest, nan=-np.inf, neginf=-np.inf, posinf=np.inf), np.nan_to_num(
-        highest, nan=np.inf, neginf=-np.inf, posinf=np.inf
-    )
+        ac, ad, bc, bd = a * c, a * d, b * c, b * d
+    lowest = np.minimum(np.minimum(ac, ad), np.minimum(bc, bd))
+    highest = np.maximum(np.maximum(ac, ad), np.maximum(bc, bd))
+    if np.isfinite(lowest).all() and np.isfinite(highest).all():
+        return lowest, highest
+    return np.where(np.isnan(lowest), -np.inf, lowest), np.where(np.isnan(highest), np.inf, highest)
 
 
 def _sum(one: Any, other: Any) -> Enclosure:

@@ -15,6 +15,7 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.core.limits import strangers
 from trajopt.core.out_of_scope import out_of_scope
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ class Limit(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "key" in vars(cls):
-            KINDS[cls.key] = cls
+            strangers.enter(cls, KINDS)
             cls.short = vars(cls).get("short", cls.name())
 
     # --- numbers, and how they are written ---
@@ -265,11 +266,19 @@ def named(key: str) -> type[Limit]:
 
     Raises:
         InvalidInput: Other tools have such a limit; the message names what comes nearest here.
+        InvalidInput: A package registers it, and it cannot be imported.
         UnknownName: There is no such kind.
     """
     if key in KINDS:
         return KINDS[key]
+    if key in strangers.registered():
+        return strangers.load(key, KINDS)
     elsewhere = out_of_scope(key)
     if elsewhere:
         raise InvalidInput(f"limits.{key}", f"this left out: {elsewhere}")
-    raise UnknownName("kind of limit", key, KINDS)
+    raise UnknownName("kind of limit", key, [*KINDS, *strangers.registered()])
+
+
+def in_file(spec: str) -> type[Limit]:
+    """Import a kind of limit that a Python file defines; see `strangers.in_file`."""
+    return strangers.in_file(spec, KINDS)

@@ -18,7 +18,8 @@ from trajopt.core.trajectory import Trajectory
 WORST_RTOL = 1e-8
 """The worst use is this much too large, at most."""
 
-_WITHIN = 1 + 2 * WORST_RTOL
+_WITHIN = 2 * WORST_RTOL
+_LEAST = 0.5  # uses below it are not told apart while a dilation is searched
 _MAX_BOXES = 1 << 18
 _SAMPLES = 64  # of each piece, in which an interval of a high use is looked for
 _HALVINGS = 50  # until its ends are known to rounding
@@ -46,8 +47,8 @@ class RowLimit(FieldsLimit):
         """
         return self._worst(motion)
 
-    def _worst(self, motion: Trajectory, least: float = 0.0, most: float = np.inf) -> Use:
-        """Return the worst use; `least` where it is less, and any above `most` where it is more."""
+    def _worst(self, motion: Trajectory, least: float = 0.0) -> Use:
+        """Return the worst use; `least` where it is less."""
         pieces = np.arange(len(motion.lengths))
         starts, size = np.zeros(len(pieces)), 1.0
         best, at = least, 0.0
@@ -62,7 +63,7 @@ class RowLimit(FieldsLimit):
                 at = motion.breaks[pieces[k]] + (starts[k] + size / 2) * motion.lengths[pieces[k]]
             enough = best * (1 + WORST_RTOL)
             left = highest > max(enough, WORST_RTOL)
-            if best > most or not left.any():
+            if not left.any():
                 return Use(enough, None, float(at))
             if 2 * left.sum() > _MAX_BOXES:
                 return Use(float(highest.max()), None, float(at))
@@ -109,23 +110,29 @@ class RowLimit(FieldsLimit):
         if not np.isfinite(use.value):
             return np.inf
 
-        def within(factor: float) -> bool:
-            return self._worst(motion.dilated(factor), least=1.0, most=1.0).value <= _WITHIN
+        def beyond(factor: float) -> float:
+            return self._worst(motion.dilated(factor), least=_LEAST).value - 1
 
-        high = 1.0
-        while not within(high):
+        high, above = 1.0, use.value - 1
+        while above > _WITHIN:
             high *= 2
+            above = beyond(high)
             if high > _MAX_DILATION:
                 return np.inf
-        low = high / 2
-        while within(low):
-            low, high = low / 2, low
+        low, below = high / 2, beyond(high / 2)
+        while below <= _WITHIN:
+            low, below, high, above = low / 2, beyond(low / 2), low, below
             if high < 1 / _MAX_DILATION:
                 return 0.0
-        while high - low > WORST_RTOL * high:
-            middle = (low + high) / 2
-            low, high = (low, middle) if within(middle) else (middle, high)
-        return high
+        # the secant of both ends, where an end that stays counts half (Illinois)
+        while high - low > WORST_RTOL * high and abs(above) > _WITHIN:
+            middle = (low * above - high * below) / (above - below)
+            found = beyond(middle)
+            if found > _WITHIN:
+                low, below, above = middle, found, above / 2
+            else:
+                high, above, below = middle, found, below / 2
+        return float(high)
 
     def keeps(self, use: Use, rtol: float) -> bool:
         return use.value <= 1 + rtol if self.degree is None else super().keeps(use, rtol)
