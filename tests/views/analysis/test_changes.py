@@ -133,7 +133,7 @@ def test_one_report_of_two_folders(
 def test_the_memory_of_many_runs_grows_as_their_number() -> None:
     """Two runs each with every other would be 16 times the rows of four times the runs."""
     peaks = []
-    for count in (200, 800):
+    for count in (75, 300):
         one = Results(run("mine", *np.linspace(2.0, 3.0, count)))
         one.trials()
         tracemalloc.start()
