@@ -145,6 +145,114 @@ def test_out_of_reach_says_how_far():
         SIX.nearest(pose)
 
 
+# --- all eight branches, in closed form ---
+
+ARMS = {name: arm for name, arm in ROBOTS.items() if arm.has_branches}
+every_arm = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
+
+
+def turned_apart(left, right) -> np.ndarray:
+    """The largest angle between postures, whole turns taken off."""
+    return np.abs(np.remainder(left - right + PI, 2 * PI) - PI).max(axis=-1)
+
+
+def test_which_arms_have_branches():
+    assert set(ARMS) == {"six-axis", "puma-560", "equal links"}
+    with pytest.raises(InvalidInput, match=r"^robot is .*: expected six joints with alpha 0, -90"):
+        BACKWARDS.branches(np.eye(4))
+
+
+@every_arm
+def test_eight_branches_of_a_thousand_poses_by_round_trip(arm):
+    q = angles(1000)
+    shifted = replace(arm, theta=np.linspace(-1, 1, 6), d=np.add(arm.d, [0.3, 0.05, 0, 0, 0, 0.02]))
+    for own in (arm, shifted):
+        poses = own.forward(q)
+        found = own.branches(poses)
+        missed = miss(own, found.q, poses[:, None])
+        reached = found.miss < 1e-9
+        assert missed[reached].max() < 1e-12
+        assert set(reached.sum(axis=1)) <= {4, 8}  # the elbow of one shoulder may be out of reach
+        assert turned_apart(found.q, q[:, None]).min(axis=1).max() < 1e-7
+        pairs = turned_apart(found.q[:, :, None], found.q[:, None])
+        both = reached[:, :, None] & reached[:, None] & ~np.eye(8, dtype=bool)
+        assert pairs[both].min() > 1e-4  # none of them twice
+
+
+def test_newtons_method_finds_no_ninth_and_none_that_is_nearer():
+    other = replace(SIX, joint_range=FREE, alpha=np.add(SIX.alpha, [0, 1e-11, 0, 0, 0, 0]))
+    assert not other.has_branches  # the same arm: searched with Newton's method
+    arm = replace(SIX, joint_range=FREE)
+    for q, apart in zip(angles(8), [0.3] * 7 + [2.0], strict=True):
+        pose = arm.forward(q)
+        posture = q + np.array([1, -1, 1, -1, 1, -1]) * apart
+        newton = other.nearest(pose, posture)
+        branches = arm.branches(pose, posture)
+        reached = branches.q[branches.miss < 1e-9]
+        assert turned_apart(reached, newton).min() < 1e-7
+        nearest = np.linalg.norm(reached - posture, axis=1).min()
+        assert np.linalg.norm(arm.nearest(pose, posture) - posture) == pytest.approx(nearest)
+        assert nearest <= np.linalg.norm(newton - posture) + 1e-9
+
+
+def test_out_of_reach_a_branch_says_how_far():
+    pose = SIX.forward(np.zeros(6))
+    arm = 0.7156 + np.hypot(0.256, 0.8455)
+    # Above axis 2, which lies 0.2 m off; the offset of 94.4 mm lies across the arm's plane.
+    pose[:3, 3] = [np.hypot(0.2, AXIS_OFFSET), 0.0, arm + 3.0 - 0.0838]
+    found = SIX.branches(pose)
+    np.testing.assert_allclose(found.miss[:4], 3.0, atol=1e-12)
+    assert (found.miss[4:] > 3.0).all()
+    rotations = SIX.forward(found.q)[:, :3, :3]
+    np.testing.assert_allclose(rotations, np.tile(pose[:3, :3], (8, 1, 1)), atol=1e-12)
+    # Nearer to axis 1 than the offset of axes 2 and 3: no angle of joint 1 gets there.
+    pose[:3, 3] = [0.01, 0.0, 0.5]
+    np.testing.assert_allclose(SIX.branches(pose).miss.min(), AXIS_OFFSET - 0.01, atol=1e-12)
+
+
+@pytest.mark.parametrize("q5", [0.0, PI])
+def test_singular_wrists_are_said_and_stay_near_the_posture(q5):
+    q = np.array([0.1, 0.2, 0.3, 0.4, q5, 0.5])
+    pose = SIX.forward(q)
+    posture = np.array([0.1, 0.2, 0.3, -0.6, q5, 1.1])
+    found = replace(SIX, joint_range=FREE).branches(pose, posture)
+    assert miss(SIX, found.q, pose)[found.miss < 1e-9].max() < 1e-12
+    here = turned_apart(found.q[:, :3], q[:3]) < 1e-9
+    assert found.singular[here].all()
+    sign = np.cos(q5)
+    turn = (0.4 + sign * 0.5) - (-0.6 + sign * 1.1)
+    expected = np.add(posture, [0, 0, 0, turn / 2, 0, sign * turn / 2])
+    assert turned_apart(found.q[here], expected).max() < 1e-9
+    assert not SIX.branches(SIX.forward([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])).singular.any()
+
+
+def test_axes_through_the_wrist_centre_leave_an_angle_as_it_was():
+    """The arm points straight up, or the wrist lies on axis 2 of an arm with equal links."""
+    up = EQUAL_LINKS.forward([0.7, -QUARTER, np.arctan2(0.3, 0.4) - QUARTER, 0.1, 0.2, 0.3])
+    found = EQUAL_LINKS.branches(up, [0.7, 0, 0, 0, 0, 0])
+    assert miss(EQUAL_LINKS, found.q, up)[found.miss < 1e-9].max() < 1e-9
+    folded = EQUAL_LINKS.forward([0.7, 0.4, np.arctan2(0.3, 0.4) + QUARTER, 0.1, 0.2, 0.3])
+    assert np.abs(folded[:3, 3] - 0.1 * folded[:3, 2]).max() < 1e-12  # on axes 1 and 2
+    found = EQUAL_LINKS.branches(folded, [0.7, 0.4, 0, 0, 0, 0])
+    assert miss(EQUAL_LINKS, found.q, folded).max() < 1e-9
+    np.testing.assert_allclose(found.q[:, :2], np.tile([0.7, 0.4], (8, 1)), atol=1e-7)
+
+
+def test_ranges_mark_the_branches_that_a_robot_can_take():
+    q = np.random.default_rng(0).uniform(*SIX.joint_range.T, (50, 6))
+    found = SIX.branches(SIX.forward(q))
+    low, high = SIX.joint_range.T
+    inside = ((found.q > low - 1e-9) & (found.q < high + 1e-9)).all(axis=-1)
+    np.testing.assert_array_equal(found.within, inside)
+    assert found.within.any(axis=1).all()
+
+
+def test_a_pose_with_seven_printed_digits_is_reached():
+    q = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6])
+    printed = SIX.forward(q).round(7)
+    np.testing.assert_allclose(SIX.nearest(printed, q), q, atol=1e-5)
+
+
 # --- joint ranges ---
 
 

@@ -1,14 +1,16 @@
 """Inverse kinematics, and the `Problem` of a Cartesian path.
 
 Modified Denavit–Hartenberg parameters (Craig), eq. 1 of Ma et al. 2024, for any chain of revolute
-joints (`trajopt.core.chain`). The inverse is Newton's method (Levenberg and Marquardt) from the
-posture before, and from random ones where that leads far away. So it needs no closed form of the
-arm. A pose is a 4 x 4 homogeneous matrix, or SciPy's `RigidTransform`, which takes any orientation.
+joints (`trajopt.core.chain`). The inverse is Newton's method (Levenberg and Marquardt). It starts
+from the eight solutions in closed form where the arm has them, as six axes with the twists of the
+paper's Table 1 do. For any other arm it starts from the posture before, and from random ones where
+that leads far away. A pose is a 4 x 4 homogeneous matrix, or SciPy's `RigidTransform`, which takes
+any orientation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,16 +21,18 @@ import scipy  # loads its submodules where they are first used
 from numpy.typing import ArrayLike
 
 from trajopt.core import files
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.units import ANGLES
+from trajopt.planners import six_axis_inverse
 
 _COLUMNS = ("a", "alpha", "d", "theta", "joint_range")
 _REQUIRED = sorted((*_COLUMNS, "angle_unit", "convention"))
-# Number of postures from which the inverse starts: the given one, then random ones.
+# Number of postures from which the inverse of an arm without branches starts: the given one, then
+# random ones.
 _STARTS = 40
 # A solution this near to the posture is accepted without a search for a nearer one.
 _NEARBY_RAD = 1.0
@@ -42,6 +46,26 @@ _ROUNDING_RAD = 1e-9
 _ORTHONORMAL_ATOL = 1e-6
 _COMPLEX_STEP = 1e-30
 _SOLVER_OPTIONS = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15, "max_nfev": 60}
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """All eight inverses of poses, by two signs of θ1, two of θ3 and two of θ5.
+
+    Attributes:
+        q: Joint angles, rad, `(…, 8, joints)`; in the joint's range where a whole turn leads there,
+            and else as near as possible to the posture asked for. Where the pose is out of reach,
+            those of the arm stretched or folded towards it, with the orientation of the pose.
+        miss: Distance of the hand from the pose, m, `(…, 8)`; rounding alone where it is reached.
+        within: Whether all angles are in their ranges, `(…, 8)`.
+        singular: Whether axes 4 and 6 are one, `(…, 8)`: the pose fixes θ4 + θ6 or θ4 − θ6 alone,
+            and both are as near to the posture as that allows.
+    """
+
+    q: Array
+    miss: Array
+    within: Bools
+    singular: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +116,41 @@ class Robot:
         """Poses `(…, 4, 4)` of the hand at angles `q` `(…, joints)` rad (eq. 2); m."""
         return self.chain.forward(self._angles("q", q))
 
+    @property
+    def has_branches(self) -> bool:
+        """Whether `branches` knows the inverse of this arm."""
+        return six_axis_inverse.is_solved(self.a, self.alpha, self.d)
+
+    def branches(self, poses: Any, posture: ArrayLike | None = None) -> Branches:
+        """Return the eight inverses of poses `(…, 4, 4)` in closed form, all poses at once.
+
+        The arm has the twists 0, −90, 0, −90, 90, −90 degrees of the paper's Table 1, and its last
+        three axes meet in a point (`has_branches`).
+
+        Args:
+            poses: The poses to reach, m.
+            posture: Angles to stay near to where the pose leaves some free, `(joints,)`, rad; by
+                default as in `nearest`.
+
+        Raises:
+            InvalidInput: naming the pose, or the arm that has another shape.
+        """
+        if not self.has_branches:
+            twists = "six joints with alpha 0, -90, 0, -90, 90, -90 degrees and a5, a6, d5 zero"
+            raise InvalidInput("robot", f"{twists} (any arm: `nearest`)", value=self.name)
+        given = _checked(poses)
+        near = self._posture("posture", posture)
+        found, singular = six_axis_inverse.eight_branches(self.a, self.d, given, near + self.theta)
+        q = _turned(found - self.theta, self.joint_range, near)
+        apart = self.forward(q)[..., :3, 3] - given[..., None, :3, 3]
+        within = np.all(_outside(q, *self.joint_range.T) <= 0, axis=-1)
+        return Branches(q, np.linalg.norm(apart, axis=-1), within, singular)
+
     def nearest(self, pose: Any, posture: ArrayLike | None = None) -> Array:
         """Return angles within the joint ranges that reach a pose `(4, 4)`, `(joints,)`, rad.
 
-        The nearest of the solutions that Newton's method finds from the posture and from random
-        ones, by the Euclidean norm of the differences.
+        The nearest of all eight `branches` where the arm has them, by the Euclidean norm of the
+        differences; else of those that Newton's method finds from the posture and from random ones.
 
         Args:
             pose: The pose to reach.
@@ -149,23 +203,18 @@ def cartesian_problem(
 def _nearest(robot: Robot, pose: Array, posture: Array, key: str) -> Array:
     """Return the answer of `Robot.nearest`; `key` names the pose in errors."""
     low, high = robot.joint_range.T
-    middle = np.clip(posture, low, high)
-    lowest = np.maximum(low, middle - np.pi)
-    highest = np.minimum(high, middle + np.pi)
-    rng = np.random.default_rng(0)
-    size = float(np.abs([robot.a, robot.d]).sum()) or 1.0
-    start = posture
+    size = _size(robot)
     missed = np.inf
     reached = []
-    for _ in range(_STARTS):
+    for start in _starts(robot, pose, posture):
         q, miss = _solved(robot, pose, start, posture, size)
         missed = min(missed, miss)
         if miss < _REACHED_RTOL:
             q = _turned(q, robot.joint_range, posture)
             reached.append(q)
-            if np.linalg.norm(q - posture) < _NEARBY_RAD and _outside(q, low, high).max() <= 0:
+            near = np.linalg.norm(q - posture) < _NEARBY_RAD and _outside(q, low, high).max() <= 0
+            if near and not robot.has_branches:
                 break
-        start = rng.uniform(lowest, highest)
     if not reached:
         raise InvalidInput(
             f"{key}, metres outside of the robot's reach",
@@ -184,6 +233,26 @@ def _nearest(robot: Robot, pose: Array, posture: Array, key: str) -> Array:
         value=best[joint],
         joint=joint,
     )
+
+
+def _starts(robot: Robot, pose: Array, posture: Array) -> Iterator[Array]:
+    """Yield where Newton's method starts: all inverses, or the posture and then random ones."""
+    if robot.has_branches:
+        found = robot.branches(pose, posture)
+        reached = found.miss < _REACHED_RTOL * _size(robot)
+        yield from found.q[reached] if reached.any() else found.q
+        return
+    yield posture
+    low, high = robot.joint_range.T
+    middle = np.clip(posture, low, high)
+    rng = np.random.default_rng(0)
+    for _ in range(_STARTS - 1):
+        yield rng.uniform(np.maximum(low, middle - np.pi), np.minimum(high, middle + np.pi))
+
+
+def _size(robot: Robot) -> float:
+    """Return the length of all links and offsets together, m; 1 where there are none."""
+    return float(np.abs([robot.a, robot.d]).sum()) or 1.0
 
 
 def _solved(
@@ -210,7 +279,9 @@ def _solved(
         found = scipy.optimize.least_squares(miss, q, slope, method="lm", **_SOLVER_OPTIONS)
         return np.asarray(found.x)
 
-    q = solved(start)
+    q = start
+    if np.abs(miss(start)).max() > _REACHED_RTOL:
+        q = solved(start)
     free = scipy.linalg.null_space(slope(q), rcond=_SINGULAR_RTOL)
     moved = q + free @ (free.T @ (posture - q))
     if np.abs(miss(moved)).max() > _REACHED_RTOL:
@@ -249,11 +320,14 @@ def _checked(poses: Any) -> Array:
     orthonormal = deviation.max(axis=entries) < _ORTHONORMAL_ATOL
     right_handed = np.linalg.det(rotation) > 0
     last_row = array[..., 3, :] == [0, 0, 0, 1]
-    right = finite & orthonormal & right_handed & last_row.all(axis=-1)
-    for index in np.argwhere(~right).tolist():
+    fits = finite & orthonormal & right_handed & last_row.all(axis=-1)
+    for index in np.argwhere(~fits).tolist():
         key = " ".join(["pose", *(str(i + 1) for i in index)])
         wrong = array[tuple(index)]
         raise InvalidInput(key, expected, value=wrong.tolist())
+    # The nearest rotation: a pose printed with seven digits is one that an arm can have.
+    left, _, right = np.linalg.svd(array[..., :3, :3])
+    array[..., :3, :3] = left @ right
     return array
 
 
