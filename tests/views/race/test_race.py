@@ -244,3 +244,68 @@ def test_an_unknown_arm_has_a_dial_per_joint(browser: Any, tmp_path: Path) -> No
     for joint, (centre, end) in enumerate(hands):
         angle = np.arctan2(end[0] - centre[0], centre[1] - end[1])
         assert angle == pytest.approx(motion(0.5)[joint], abs=2e-3)
+
+
+# --- a motion of the reader's own ---
+
+NAMES = [f"joint {joint + 1}" for joint in range(6)]
+
+
+def csv_of(motion: Trajectory, orders: int, factor: float = 1.0) -> str:
+    """Samples at the breaks and in each piece's middle; pieces of degree 2 orders − 1 join them."""
+    t = np.sort(np.concatenate([motion.breaks, motion.breaks[:-1] + motion.lengths / 2]))
+    heads = ["time [s]", *(f"{n} [rad{r}]" for r in ("", "/s", "/s^2")[:orders] for n in NAMES)]
+    tables = [motion(t, order) * factor**order for order in range(orders)]
+    rows = np.column_stack([t / factor, *tables])
+    return "\n".join([",".join(heads), *(",".join(map(repr, map(float, row))) for row in rows)])
+
+
+def dropped(browser: Any, folder: Path, text: str) -> str:
+    file = folder / "mine.csv"
+    file.write_text(text, encoding="utf-8")
+    browser.find_element("css selector", ".race-yours input").send_keys(str(file))
+    said: str = chromium.run(
+        browser,
+        """const said = document.querySelector("[role=status]");
+        for (let k = 0; k < 200 && !said.textContent; k += 1)
+            await new Promise((go) => setTimeout(go, 20));
+        const text = said.textContent; said.textContent = ""; return text;""",
+    )
+    return " ".join(said.split())
+
+
+def test_a_motion_of_one_s_own_is_checked_by_its_exact_peaks(browser, page, runners, tmp_path):
+    """Ruckig's motion: cubic pieces through its breaks are itself."""
+    ruckig = runners[2].trajectory
+    said = dropped(browser, tmp_path, csv_of(ruckig, 2))
+    assert said.startswith("mine.csv: 2.3865 s, 60.83 % above the optimum. Its cubic pieces")
+    assert "keep every limit that this page knows: exact peak 100.00 %, acceleration of" in said
+    assert said.endswith("trajopt judge mine.csv six-axis certifies it.")
+    state = chromium.run(browser, STATE, 1.2)
+    assert len(state) == len(runners) + 1
+    assert state[-1]["tip"] == pytest.approx(state[2]["tip"], abs=0.2)
+    assert state[-1]["bars"] == pytest.approx(state[2]["bars"], abs=3)
+    assert state[-1]["said"].endswith("waypoint 2 of 4")
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (
+            lambda motion: csv_of(motion, 2, factor=1.1),
+            "It uses 121.00 % of the acceleration limit of joint",
+        ),
+        (lambda motion: csv_of(motion, 1), "joins its samples with straight lines"),
+        (lambda motion: csv_of(motion, 2).rsplit("\n", 3)[0], "misses waypoint 4 by 0."),
+        (lambda motion: csv_of(motion, 2).replace("[rad]", "[cm]"), "is not read here"),
+        (lambda motion: "time [s]\n0\n1", "it has not a column per joint (6)"),
+        (lambda motion: "", "its header is not"),
+        (lambda motion: csv_of(motion, 2).replace("\n0.0,", "\n9.0,"), "do not increase"),
+    ],
+)
+def test_what_the_page_cannot_certify_it_says(browser, page, runners, tmp_path, change, expected):
+    said = dropped(browser, tmp_path, change(runners[2].trajectory))
+    assert expected in said
+    assert said.endswith("Not certified here: run trajopt judge mine.csv six-axis")
+    if "121" in expected:  # (1.1)² of the accelerations
+        assert "Slowed down 1.1000 times, to 2.3865 s, its peaks are within these limits." in said

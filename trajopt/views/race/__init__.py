@@ -72,7 +72,7 @@ def fragment(
         "{{ notes }}": "".join(f"<p>{escape(note)}</p>" for note in notes),
         "{{ style }}": _web("race.css"),
         "{{ data }}": packed_json(course.data(problem, motions, goal)),
-        "{{ script }}": _web("race.js"),
+        "{{ script }}": _web("race.js").replace("{{ yours }}", _web("yours.js")),
     }
     text = _web("race.html")
     for key, value in parts.items():

@@ -11,7 +11,9 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.chain import LinkChain
+from trajopt.core.demand import DEMANDS
 from trajopt.core.limits import Limit
+from trajopt.core.limits.joint_limit import JointLimit
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import share_at_limits
@@ -110,6 +112,7 @@ def data(problem: Problem, motions: Sequence[ShownMotion], goal: Goal) -> dict[s
             }
             for own, joints in limits
         ],
+        **_checked(problem, [limit for limit, _ in limits]),
         "tick": TICK_S,
         "step": STEP,
         "goal": {"duration": goal.duration, "name": goal.name},
@@ -123,6 +126,27 @@ def _shown(problem: Problem, motion: Trajectory) -> Iterator[tuple[Limit, list[i
         joints = list(limit.along(motion, np.zeros(1)))
         if joints:
             yield limit, joints
+
+
+def _checked(problem: Problem, limits: Sequence[Limit]) -> dict[str, Any]:
+    """Return what a page needs to check somebody's motion, and what it cannot check.
+
+    It checks intervals for derivatives, the same all the way, and continuity; from rest to rest.
+    """
+    simple = [
+        {"kind": kind, "order": own.order, "ratio": own.is_ratio, "pairs": own.pairs}
+        for kind, own in enumerate(limits)
+        if isinstance(own, JointLimit) and own.segments is None
+    ]
+    known = {own["kind"] for own in simple}
+    left_out = [f"{own.name()} limits" for kind, own in enumerate(limits) if kind not in known]
+    return {
+        "problem": problem.name,
+        "bounds": simple,
+        "smooth": max(own.smooth for own in problem.limits.kinds.values()),
+        "left_out": [*left_out, *(DEMANDS[key].name for key in problem.demands)],
+        "units": [problem.unit(joint) for joint in range(problem.joints)],
+    }
 
 
 def _even(motion: ShownMotion) -> Array:

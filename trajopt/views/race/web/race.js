@@ -63,7 +63,6 @@ const svg = (parent, tag, name) => {
 const put = (line, points) => line.setAttribute("points", points.map((p) => p.map((v) => v.toFixed(1)).join()).join(" "));
 const move = (disc, [x, y], r) => { disc.setAttribute("cx", x.toFixed(1)); disc.setAttribute("cy", y.toFixed(1)); disc.setAttribute("r", r); };
 const lane = (m, box) => {
-  start(m);
   const picture = svg(box.querySelector(".race-arm"), "svg", "");
   picture.setAttribute("viewBox", `0 0 ${width.toFixed(1)} ${height.toFixed(1)}`);
   const stands = D.waypoints.map(shape);
@@ -115,8 +114,10 @@ const lane = (m, box) => {
       : `Arrived${above > .05 ? `, ${above.toFixed(1)}\u00a0% above ${D.goal.name}` : ""}`;
   };
 };
-const lanes = D.motions.map((m, i) => lane(m, root.querySelectorAll(".race-lane")[i]));
-const last = Math.max(...D.motions.map((m) => m.duration)), slider = find(".race-time"), button = find(".race-play"), said = find(".race-said");
+D.motions.forEach(start);
+const boxes = [...root.querySelectorAll(".race-lane")], lanes = D.motions.map((m, i) => lane(m, boxes[i]));
+let last = Math.max(...D.motions.map((m) => m.duration));
+const slider = find(".race-time"), button = find(".race-play"), said = find(".race-said");
 slider.max = Math.ceil(last * 100) / 100;
 let now = 0, before = 0, on = false;
 const show = (t) => {
@@ -147,6 +148,7 @@ button.onclick = () => {
 };
 slider.oninput = () => { stop("Play"); show(Number(slider.value)); };
 find(".race-controls").hidden = false;
+{{ yours }}
 // A still picture tells most shortly before the first arrives.
 const still = .8 * Math.min(...D.motions.map((m) => m.duration)), asked = whole ? parseFloat(location.hash.slice(1)) : NaN;
 show(asked >= 0 ? asked : still);
