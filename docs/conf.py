@@ -65,7 +65,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "mintime"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_js_files = ["sort.js"]
+html_js_files = ["sort.js", "scroll.js"]
 # Pages that have no others below them, or hundreds beside them: no "Section Navigation".
 _ALONE = "start results problems/* claims/* planners/*"
 html_sidebars = {page: [] for page in _ALONE.split()}

@@ -43,6 +43,8 @@ _GAIN_RTOL = 1e-4
 _ACTIVE_RTOL = 1e-4
 # Relative slack by which limits are kept: IPOPT's own tolerance.
 _SLACK_RTOL = 1e-9
+# The same where segment times are given: no rounding may lead beyond a limit, as no time mends it.
+_GIVEN_SLACK_RTOL = 1e-7
 # Shortest segment, relative to equal ones.
 _SHORTEST_SHARE = 1e-4
 # A segment's first time is chosen by its displacement, but at least by this share of the longest.
@@ -143,11 +145,57 @@ def shortest(
     return _ScaledProgram(problem, measure, duration).solve(budget, start)
 
 
-class _ScaledProgram:
-    """A problem without units: mean segment time 1, largest displacement of each joint 1."""
+def smoothed(problem: Problem, motion: Trajectory) -> Trajectory:
+    """Return a motion of the same waypoint times, with each joint as smooth as it can be in them.
 
-    def __init__(self, problem: Problem, measure: Measure, duration: float) -> None:
+    At given times every joint is a problem of its own. A joint that decides the duration has one
+    motion only and keeps it; so does one for which nothing smoother is found. Among several motions
+    of minimum time this is the one of the least ∫ jerk² (docs/mathematics.md, section 12), joint by
+    joint.
+
+    Args:
+        problem: Its limits are kept; demands beside waypoints are not known here, so a motion with
+            some is returned as it is, and so is one under limits of other kinds or of segments.
+        motion: Through the waypoints, within the limits.
+    """
+    if problem.demands or problem.limits.others or problem.limits.segments is not None:
+        return motion
+    times = np.diff(motion.waypoint_times)
+    if not (times > _SHORTEST_SHARE * times.mean()).all():
+        return motion
+    joints = []
+    for joint in range(problem.joints):
+        own = replace(motion, coefficients=motion.coefficients[..., [joint]])
+        found = _smoothest_joint(problem, joint, own, times) if problem.moving[joint] else None
+        chosen = own if found is None else found
+        joints.append((chosen.breaks, chosen.coefficients[:, :, 0]))
+    return Trajectory.joined(joints, motion.waypoint_times)
+
+
+def _smoothest_joint(
+    problem: Problem, joint: int, own: Trajectory, times: Array
+) -> Trajectory | None:
+    """Return the smoothest motion of one joint in these segment times; None if it is not better."""
+    alone = problem.only([joint])
+    found = _ScaledProgram(alone, "jerk", own.duration, times).solve(None, own)
+    if found is None:
+        return None
+    kept = verify(alone, found.trajectory)
+    less = found.value < smoothness(alone, own).jerk_integral * (1 - _GAIN_RTOL)
+    return found.trajectory if less and kept.feasible and kept.dilation <= 1 else None
+
+
+class _ScaledProgram:
+    """A problem without units: mean segment time 1, largest displacement of each joint 1.
+
+    Segment times are variables, unless they are given, s, `(segments,)`.
+    """
+
+    def __init__(
+        self, problem: Problem, measure: Measure, duration: float, times: Array | None = None
+    ) -> None:
         self.problem = problem
+        self.times = None if times is None else times * problem.segments / duration
         self.measure = measure
         self.moving = problem.moving
         self.duration = duration
@@ -160,7 +208,7 @@ class _ScaledProgram:
         limits = problem.limits.by_name()
         self.limits = {0: self._limits(limits["position"] - problem.waypoints[0][:, None], 0)}
         for order, name in enumerate(("velocity", "acceleration", "jerk"), start=1):
-            pairs = limits[name] * (1 - _SLACK_RTOL)
+            pairs = limits[name] * (1 - (_SLACK_RTOL if times is None else _GIVEN_SLACK_RTOL))
             self.limits[order] = self._limits(pairs, order)
         own = weights(problem)[self.moving] * self.scale**2
         self.integral_unit = float(own.max()) / self.unit ** (2 * self.order - 1)
@@ -238,8 +286,8 @@ class _ScaledProgram:
     def _shares(self) -> Iterator[Array]:
         """Yield initial segment times: in proportion to displacements, and more equal ones."""
         count = self.problem.segments
-        if count == 1:
-            yield np.ones(1)
+        if self.times is not None or count == 1:
+            yield np.ones(1) if self.times is None else self.times
             return
         ways = np.abs(np.diff(self.q, axis=0)).max(axis=1)
         ways = np.maximum(ways, _SHORTEST_WAY * ways.max())
@@ -256,6 +304,8 @@ class _ScaledProgram:
             yield self.sampled(free.trajectory, pieces, shares)
         if start is not None:
             yield self.sampled(start, pieces, shares)
+        if self.times is not None:
+            return
         times = stop_times(self.problem) / self.unit
         resting = self.resting(times * len(times) / times.sum())
         yield self.sampled(self.trajectory(resting), pieces, shares)
@@ -313,6 +363,8 @@ class _ScaledProgram:
         bounds = self._bounds(start, variables, orders)
         low, high = self._constraint_bounds(start, orders)
         lowest, highest = (-np.inf, 0.0) if budget is not None else (0.0, 0.0)
+        if self.times is not None:  # their sum is no equation for any variable
+            lowest, highest = -np.inf, np.inf
         run = spline_program(layout)(
             flat(start.times, *self._variables(start)),
             flat(start.shares, scaled, np.array([bound])),
@@ -348,6 +400,8 @@ class _ScaledProgram:
             for table in tables[1 : len(spline.states)]:
                 table[[0, -1]] = 0.0
             times = np.full(len(spline.times), infinite if side else _SHORTEST_SHARE)
+            if self.times is not None:
+                times = self.times
             sides.append(flat(times, *tables))
         return sides[0], sides[1]
 

@@ -13,6 +13,7 @@ from trajopt.core.limits import LIMIT_NAMES
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
 from trajopt.judging.smoothness import FrontPoint
 from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
@@ -69,6 +70,12 @@ class Smooth(Planner):
         from baselines.front.curve import front
 
         return front(problem, self.measure, durations, time_limit)
+
+    def smoothed(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        """Return the smoothest motion of the same waypoint times (`baselines.front.least`)."""
+        from baselines.front.least import smoothed
+
+        return smoothed(problem, motion)
 
     # Joints that rest stay: the units of all joints are part of the measure.
     @reduced(EQUAL_WAYPOINTS)

@@ -31,7 +31,9 @@ def block(writer: HTML5Translator, node: nodes.math_block) -> None:
     number = f'<span class="eqno">({found[1]})</span>' if found else ""
     place = f' id="{anchor(found[1])}"' if found else ""
     formula = convert(TAG.sub("", text), display="block")
-    writer.body.append(f'<div class="math numbered"{place}>{formula}{number}</div>')
+    writer.body.append(
+        f'<div class="math numbered"{place}><div class="formula">{formula}</div>{number}</div>'
+    )
     raise nodes.SkipNode
 
 

@@ -462,3 +462,18 @@ def test_a_proof_starts_from_the_answer(trajopt, tmp_path, monkeypatch):
     code, out, _ = trajopt("plan", tmp_path / "own.toml")
     assert code == 0
     assert "Its answer is the optimum, proved within" in " ".join(out.split())
+
+
+def test_the_smoothest_motion_takes_as_long(run, tmp_path):
+    """Joint 2 of `PROBLEM` decides nothing; durations stay to the last printed digit."""
+    text = (
+        "waypoints = [[0, 0], [1, 0.1]]\nunits = {waypoints = 'rad', limits = 'rad'}\n"
+        "limits = {velocity = [2, 2], acceleration = [1, 1], jerk = [50, 50]}\n"
+    )
+    (tmp_path / "p.toml").write_text(text, encoding="utf-8")
+    plain = json.loads(run("plan p.toml --json")[1])
+    smooth = json.loads(run("plan p.toml --smoothest --json")[1])
+    assert smooth["certified_duration"] == pytest.approx(plain["certified_duration"], rel=1e-9)
+    before, after = (own["smoothness"]["jerk_integral"] for own in (plain, smooth))
+    assert after < before
+    assert smooth["status"] == "solved"

@@ -21,6 +21,7 @@ from trajopt.core.demand import names
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.judging.smoothness import FrontPoint, unit
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner
@@ -37,6 +38,10 @@ class KnowsFront(Protocol):
         self, problem: Problem, durations: Sequence[float] | None, time_limit: float
     ) -> list[FrontPoint]:
         """Return a point for each duration."""
+        ...
+
+    def smoothed(self, problem: Problem, motion: Trajectory) -> Trajectory:
+        """Return the smoothest motion of the same waypoint times."""
         ...
 
 
@@ -160,6 +165,19 @@ def front(
     planner = cast(KnowsFront, smooth)
     asked = None if durations is None else sorted(map(float, durations))
     return Front(given, measure, tuple(planner.front(given, asked, time_limit)))
+
+
+def smoothest(problem: Problem, motion: Trajectory) -> Trajectory:
+    """Return a motion of the same waypoint times within every limit, each joint as smooth as it is.
+
+    Of all motions of minimum time this is the one whose joints have the least ∫ jerk²: joints that
+    do not decide the time stop jerking. A motion with demands on its way, or under limits of other
+    kinds than each joint's own, is returned as it is.
+
+    Raises:
+        MissingBackend: CasADi is not installed.
+    """
+    return cast(KnowsFront, _smooth("jerk")).smoothed(problem, motion)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from cyclopts import Parameter
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.benchmark.front import smoothest as smoothest_of
 from trajopt.benchmark.run.runner import Supervised
 from trajopt.benchmark.trial import Trial
 from trajopt.best_planner import best
@@ -70,6 +71,7 @@ def plan(
             name="--as", help="A ROS message, or a FollowJointTrajectory goal.", group=WRITING
         ),
     ] = "message",
+    smoothest: bool = False,
     timeout: Timeout = 600.0,
     json: Json = False,
 ) -> int:
@@ -83,6 +85,7 @@ def plan(
         out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
         force: Overwrite the file of --out.
         out_anyway: Write the motion even if it breaks a limit at any speed.
+        smoothest: Of all motions with its waypoint times take the smoothest, joint by joint.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
@@ -102,6 +105,9 @@ def plan(
         else:
             with closing(Supervised(planner, planned, timeout=timeout)) as chosen:
                 (trial,) = chosen.trials(planned, [seed])
+        if smoothest:
+            tell("the joints that do not decide are smoothed")
+            trial = _smoothest(trial)
     if braking:
         trial = starting.braked(braking, trial)
     names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
@@ -135,6 +141,16 @@ def plan(
     if json:
         console.print_json(table)
     return code
+
+
+def _smoothest(trial: Trial) -> Trial:
+    """Return the trial with the smoothest motion of its duration, if it keeps every limit."""
+    motion = trial.solution.trajectory
+    if motion is None or not trial.feasible:
+        return trial
+    own = smoothest_of(trial.problem, motion)
+    solution = replace(trial.solution, trajectory=own)
+    return replace(trial, solution=solution, certificate=verify(trial.problem, own))
 
 
 def _unmended(trial: Trial) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from trajopt import comparison
+from trajopt.benchmark.front import smoothest
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import asked, console
@@ -20,6 +21,7 @@ from trajopt.views.analysis.versions import by_label
 from trajopt.views.figures.draw import LOOKED_FOR, median_run, shown_motions
 from trajopt.views.report.verdict import of_problem
 
+OPTIMUM = "exact"  # whose look the first motion has
 _REASON_LENGTH = 200  # characters
 
 
@@ -36,7 +38,8 @@ def race(
 ) -> int:
     """Show motions of planners side by side on one clock, as a page that needs no network.
 
-    The optimum, or the best known motion, is the first of them.
+    The optimum, or the best known motion, is the first of them: of all motions of its duration the
+    smoothest, so that full bars are those of the limits that decide.
 
     Args:
         planners: Beside the optimum; by default toppra, ruckig-stop and issa.
@@ -54,6 +57,9 @@ def race(
         progress=console.progress_line() if console.ERR.is_terminal else False,
     )
     motions = shown_motions(results.items, every=True)
+    if motions and motions[0].planner == OPTIMUM:
+        with console.waiting("the smoothest motion of the optimum's duration"):
+            motions[0] = motions[0]._replace(trajectory=smoothest(loaded, motions[0].trajectory))
     reasons = list(_absent(results.items))
     if motions:
         page.write(loaded, motions, out, notes=reasons)
