@@ -16,7 +16,7 @@ WIDTH, SCALE = 1040, 1.5
 AT = 1.2  # s
 READY = """while (!document.querySelector(".race").dataset.ready)
     await new Promise((go) => setTimeout(go, 20));
-document.querySelector(".race-controls").hidden = true;
+for (const own of [".race-controls", ".race-yours"]) document.querySelector(own).hidden = true;
 document.documentElement.style.overflow = "hidden";
 return document.documentElement.scrollHeight;"""
 

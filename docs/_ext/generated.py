@@ -22,6 +22,7 @@ import numpy as np
 from sphinx.application import Sphinx
 
 from trajopt.benchmark.best_known import records
+from trajopt.benchmark.front import smoothest
 from trajopt.benchmark.suites import catalogue, literature
 from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.cli.app import app
@@ -139,13 +140,18 @@ def race_part(problem: Problem) -> str:
         return ""
     file = DOCS / "problems" / f"{slug(problem.name)}-race.html"
     if not file.is_file():
-        planners = LOOKED_FOR if problem.name == catalogue.PAPER_PROBLEM else BESIDE
+        first = problem.name == catalogue.PAPER_PROBLEM
+        planners = LOOKED_FOR if first else BESIDE
         trials: list[Trial] = []
         for name in planners:
             planner = load(name)
             seeds = range(SEEDS if planner.stochastic else 1)
             trials += trials_of(planner, problem, seeds, name)
-        write(file, race.fragment(problem, shown_motions(trials, every=True)))
+        motions = shown_motions(trials, every=True)
+        if first:  # it is the front page's
+            smooth = smoothest(problem, motions[0].trajectory)
+            motions[0] = motions[0]._replace(trajectory=smooth)
+        write(file, race.fragment(problem, motions))
     return f"""```{{raw}} html
 :file: {file.name}
 ```"""
