@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, beyond_exact, transcription
+from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, transcription
 from baselines.exact.acceleration.planner import Exact, starting_points
 from baselines.exact.jerk import ExactJerk, one_sided
 from baselines.exact.method.scaled import Scaled
@@ -252,7 +252,7 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
         inner = velocities[grid.free] * grid.unit / grid.scale
         factor = max(_SLOWER, grid.dilation(relaxed))
         yield grid.cubics(factor * times, inner / factor)
-    scaled = Scaled(grid.problem.without("jerk", *beyond_exact(grid.problem)))
+    scaled = Scaled(grid.problem.without("jerk", *grid.problem.limits.beyond_rates))
     random = list(starting_points(scaled, count))[1:]
     # from the units of `exact` to the grid's
     speed = scaled.units[1] * grid.unit / grid.scale / _SLOWER
@@ -264,7 +264,7 @@ def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
 def _relaxed(problem: Problem) -> Trajectory | None:
     """Return the optimum under the limits that `exact` knows."""
     planner = ExactJerk(starts=2) if problem.has("jerk") else Exact(starts=4)
-    return planner.solve(problem.without(*beyond_exact(problem))).trajectory
+    return planner.solve(problem.without(*problem.limits.beyond_rates)).trajectory
 
 
 def _placed(grid: CollocationGrid, trajectory: Trajectory) -> Nodes:

@@ -25,8 +25,7 @@ import numpy as np
 from baselines.collocation import asked
 from baselines.collocation.asked import Curves
 from baselines.exact.acceleration import gaps
-from baselines.exact.acceleration.planner import Exact
-from baselines.exact.jerk import ExactJerk, one_sided
+from baselines.exact.jerk import one_sided
 from baselines.exact.method.scaled import Scaled
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
@@ -229,7 +228,7 @@ class CollocationGrid:
         It is at most the largest one tried, and 0 without such limits.
         """
         kinds = self.problem.limits.kinds
-        others = (kinds[key] for key in beyond_exact(self.problem) if kinds[key].is_ratio)
+        others = (kinds[key] for key in self.problem.limits.beyond_rates if kinds[key].is_ratio)
         found = (own.dilation(own.worst(motion), motion) for own in others)
         return min(max(found, default=0.0), _SLOWEST)
 
@@ -623,8 +622,3 @@ def transcription(grid: CollocationGrid, *, free: bool = False) -> Transcription
 
 
 _built = lru_cache(maxsize=32)(Transcription)
-
-
-def beyond_exact(problem: Problem) -> list[str]:
-    """Return the kinds of the problem's limits that the exact planners do not know."""
-    return [key for key in problem.limits.kinds if key not in (*Exact.knows, *ExactJerk.knows)]

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.sizes import cells
-from trajopt.core.limits import FallingVelocity
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
@@ -105,7 +104,7 @@ def _planners(problem: Problem, seconds: float) -> list[str]:
     starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
     own = f"exact-jerk:starts={starts}" if problem.has("jerk") else f"exact:starts={2 * starts}"
     planners = [_STOPPING, own]
-    if problem.has("position") or problem.has(FallingVelocity.key):
+    if problem.limits.beyond_rates:
         rate += _START_SECONDS_POSITION
         starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
         planners.append(f"collocation-refined:starts={starts}")

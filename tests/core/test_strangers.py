@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.kinds import STRANGERS
-from trajopt import Limits, Problem
+from trajopt import Limits, Problem, Trajectory
 from trajopt.benchmark import provenance
 from trajopt.core.exceptions import InvalidInput, TrajoptError, UnknownName
 from trajopt.core.limits import KINDS, Row, strangers
@@ -247,3 +247,56 @@ def test_a_row_that_is_not_the_judge_s_is_noticed(key, place, by, monkeypatch):
     monkeypatch.setattr(kind, "rows", wrong)
     with pytest.raises(ContractError, match="rows"):
         check_limit(kind.read(OWN[key], 1))
+
+
+@pytest.mark.usefixtures("strangers")
+def test_the_reference_for_a_kind_of_others_plans_by_rows():
+    from trajopt.explain.references import best_planners, references
+
+    problem = Problem([[0.0], [1.0]], Limits([1], [1], motor_power={"power": [4.0]}))
+    assert references(problem) == ["exact", "collocation-refined"]
+    assert "collocation-refined" in best_planners(problem)
+    assert references(problem.without("motor_power")) == ["exact"]
+
+
+@pytest.mark.usefixtures("strangers")
+def test_a_motion_on_whole_cycles_keeps_limits_of_several_joints():
+    """The joints' own programs on the cycle do not know such a limit."""
+    from baselines.collocation.uniform import Collocation
+    from trajopt.formats.on_cycle import moved
+    from trajopt.judging.verification import certified
+
+    limits = Limits([2, 2], [8, 8], speeds_together={"sum": 0.8})
+    problem = Problem([[0.0, 0.0], [0.3, -0.2], [0.5, 0.4]], limits)
+    planned = certified(problem, Collocation(10).solve(problem).trajectory)
+    executed = moved(problem, planned, 0.01).at_breaks(["a", "b"])
+    motion = executed.trajectory()
+    assert problem.limits.kinds["speeds_together"].worst(motion).value <= 1 + 1e-6
+    assert motion.duration < planned.duration * 1.05
+
+
+def test_rows_that_raise_are_a_line(package):
+    """Whatever the code of a stranger does, the judge says whose it is."""
+    raising = MODULE.replace(
+        "        angle = rate", "        raise ValueError('no idea')\n        angle = rate"
+    )
+    package(
+        "raising",
+        {"raising": "raising:Raising"},
+        raising.replace("ToolSpeed", "Raising").replace("tool_speed", "raising"),
+    )
+    limit = Limits([1], [1], raising={"links": [0.5], "speed": 0.1}).kinds["raising"]
+    motion = Trajectory([0.0, 1.0], [[[1.0]], [[0.0]]], [0.0, 1.0])
+    with pytest.raises(TrajoptError) as error:
+        limit.worst(motion)
+    assert said(error) == "the rows of raising limits raise ValueError: no idea"
+    one_sided = (
+        MODULE.replace("high=1.0", "low=0.0, high=1.0")
+        .replace("ToolSpeed", "Sided")
+        .replace("tool_speed", "sided")
+    )
+    package("sided", {"sided": "sided:Sided"}, one_sided)
+    limit = Limits([1], [1], sided={"links": [0.5], "speed": 0.1}).kinds["sided"]
+    with pytest.raises(InvalidInput) as wrong:
+        limit.worst(motion)
+    assert "a negative low and a positive high" in said(wrong)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from trajopt.core.demand import names as demands_in_words
 from trajopt.core.exceptions import InvalidInput, TrajoptError
-from trajopt.core.limits import KINDS, FallingVelocity
+from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.renamed import RENAMED
 from trajopt.core.solution import Solution
@@ -76,7 +76,7 @@ BEST_KNOWN = "best-known"
 def references(problem: Problem) -> list[str]:
     """Return the planners whose shortest certified answer is a problem's best known optimum."""
     names = [OPTIMUM_WITH_JERK if problem.has("jerk") else OPTIMUM]
-    if _has_position_dependent(problem):
+    if problem.limits.beyond_rates:  # the exact planners leave these out
         names.append(OPTIMUM_WITH_POSITION)
     return names
 
@@ -88,11 +88,6 @@ def best_planners(problem: Problem) -> list[str]:
     other limits too, no faster motion is known.
     """
     return [*references(problem), THROUGH_WAYPOINTS]
-
-
-def _has_position_dependent(problem: Problem) -> bool:
-    """Return whether a limit depends on position; the exact planners leave such limits out."""
-    return any(map(problem.has, ("position", FallingVelocity.key)))
 
 
 class ReferenceAnswer(NamedTuple):

@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 from trajopt.core import dwell
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import FallingVelocity, LimitName
+from trajopt.core.limits import JointLimit, LimitName
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.samples import Samples
 from trajopt.judging.joint_program import JointProgram
 from trajopt.judging.passing import within_tolerance
+from trajopt.judging.verification import Tolerance
 
 Indices = NDArray[np.int_]
 
@@ -222,7 +223,19 @@ class _CycleSearch:
             if states is None:
                 return None
             joints.append(states)
-        return OnCycle(self.cycle, breaks, waypoints, np.stack(joints, axis=-1))
+        found = OnCycle(self.cycle, breaks, waypoints, np.stack(joints, axis=-1))
+        return found if self._kept_together(found) else None
+
+    def _kept_together(self, found: OnCycle) -> bool:
+        """Return whether a motion keeps the limits of several joints together.
+
+        The joints' programs do not know these.
+        """
+        together = [own for own in self.problem.limits.kinds.values() if not own.separate]
+        if not together:
+            return True
+        motion = found.at_breaks(self.problem.joint_labels).trajectory()
+        return all(own.keeps(own.worst(motion), Tolerance().limit) for own in together)
 
     def _ends(self, motion: Trajectory, joint: int) -> Array:
         """A joint's velocity (and acceleration) at both ends; a closed motion's are its own."""
@@ -250,11 +263,12 @@ class _CycleSearch:
     def _breaks(self, stretched: Trajectory, cycles: int) -> Indices:
         """The nearest whole cycles of the breaks.
 
-        There are more where pieces have a higher degree, and where velocity limits fall, since the
-        motion is not straight there.
+        There are more where pieces have a higher degree, and with limits that are no intervals of a
+        joint's derivatives, since the motion is not straight there.
         """
         wanted = stretched.breaks / self.cycle
-        if not self._constant() or self.problem.has(FallingVelocity.key):
+        kinds = self.problem.limits.kinds.values()
+        if not self._constant() or not all(isinstance(own, JointLimit) for own in kinds):
             step = max(1, cycles // MAX_PIECES)
             even = np.arange(0, cycles, step)
             wanted = np.append(wanted, even)

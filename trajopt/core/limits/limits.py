@@ -137,6 +137,11 @@ class Limits:
         """The limits that bound at least one joint, by key."""
         return {key: own for key, own in self._held.items() if own.bounds.any()}
 
+    @property
+    def beyond_rates(self) -> list[str]:
+        """Return the keys of all limits but those of velocity, acceleration and jerk."""
+        return [key for key in self.kinds if not LIMIT_ORDERS.get(key)]  # type: ignore[call-overload]
+
     @cached_property
     def smooth(self) -> Indices:
         """The highest derivative of each joint that must be continuous, `(joints,)`."""

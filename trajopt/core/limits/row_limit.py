@@ -9,10 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from trajopt.core.arrays import Array, Indices
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.limits.enclosures import Enclosure, made
 from trajopt.core.limits.fields import FieldsLimit
 from trajopt.core.limits.limit import Interval, Use
-from trajopt.core.limits.rows import JointState
+from trajopt.core.limits.rows import JointState, Row
 from trajopt.core.trajectory import Trajectory
 
 WORST_RTOL = 1e-8
@@ -82,18 +83,32 @@ class RowLimit(FieldsLimit):
         q, v, a, j = orders
         segments = motion.segments_at(motion.breaks[pieces] + middles * motion.lengths[pieces])
         uses, bounds = [np.full(len(pieces), -np.inf)], [np.full(len(pieces), -np.inf)]
-        for row in self.rows(JointState(q, v, a, j, segments)):
+        for row in self._rows(JointState(q, v, a, j, segments)):
             value = made(row.value)
             low, high = value.values
             uses.append(np.maximum(value.middle / row.high, value.middle / row.low))
             bounds.append(np.maximum(high / row.high, low / row.low))
         return np.maximum.reduce(uses), np.maximum.reduce(bounds)
 
+    def _rows(self, at: JointState) -> list[Row]:
+        """Return the rows, or raise `TrajoptError` for a kind whose code raises."""
+        try:
+            rows = list(self.rows(at))
+        except Exception as error:
+            told = f"{type(error).__name__}: {error}"
+            raise TrajoptError(f"the rows of {self.key} limits raise {told}") from error
+        for row in rows:
+            if not (np.all(np.less(row.low, 0)) and np.all(np.greater(row.high, 0))):
+                bounds = f"[{row.low}, {row.high}]"
+                right = "rows with a negative low and a positive high, or a `worst` of its own"
+                raise InvalidInput(f"limits.{self.key}", right, value=bounds)
+        return rows
+
     def use(self, motion: Trajectory, times: Array) -> Array:
         """Return the use at times, s."""
         orders = [list(motion(times, order).T) for order in range(4)]
         q, v, a, j = orders
-        rows = self.rows(JointState(q, v, a, j, motion.segments_at(times)))
+        rows = self._rows(JointState(q, v, a, j, motion.segments_at(times)))
         return np.maximum.reduce(
             [np.maximum(own.value / own.high, own.value / own.low) for own in rows]
         )
