@@ -241,7 +241,12 @@ def test_it_is_drawn(problem, trial):
     figure = explanation.limit_use(problem, trial.certified_trajectory)
     labels = [label.get_text() for axes in figure.axes for label in axes.get_yticklabels()]
     assert "speed sum" in labels
-    assert motions.motion(problem, trial.certified_trajectory).axes
+    drawn = motions.motion(problem, trial.certified_trajectory)
+    own = drawn.axes[-1]
+    assert own.get_ylabel() == "speed sum (use)"
+    (times, use) = own.lines[0].get_data()
+    assert max(use) == pytest.approx(1, abs=1e-3)
+    assert times[-1] == pytest.approx(3.75)
     found = panel([trial], ["Knowing"], with_motions=True)
     (other,), (use,) = found["others"], found["motions"][0]["uses"]
     assert other == ("speed sum", ["0.8", "0.8", "–"])

@@ -28,6 +28,7 @@ LEFT_IN = 0.75  # inches left of the panels
 RIGHT_IN = 0.12
 TOP_IN = 0.65
 BOTTOM_IN = 0.42
+BELOW_IN = 0.55  # of a time axis, above a wide panel
 BEYOND = (-1e6, 1e6)  # rad, rad/s, …: the shade beyond a limit ends outside the panel
 MARGIN_SHARE = 0.08  # above and below the values, relative to their range
 CONSTANT_RTOL = 1e-9  # a smaller change of value is drawn as none
@@ -49,7 +50,8 @@ def motion(
     """Draw every joint against time, with its limits and waypoints.
 
     A row is a joint that moves, a column a quantity: position, velocity, acceleration, and jerk if
-    limited. The joints that rest are named in the title.
+    limited. The joints that rest are named in the title. Below them, each limit that is no joint's
+    has a panel with its use over time.
 
     Args:
         problem: has the limits and waypoints.
@@ -63,21 +65,21 @@ def motion(
     joints = _moving(problem, trajectory)
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
     passing = trajectory.waypoint_times
-    figure, grid = _grid(len(joints), len(quantities))
+    together = _together(problem, trajectory)
+    figure, grid, wide = _grid(len(joints), len(quantities), len(together))
     looks = {own_name: _MOTION | {"color": colour}}
     end = trajectory.duration
     if reference:
         looks |= {reference_name: _REFERENCE}
         end = max(end, reference.duration)
+    drawn = [trajectory] if reference is None else [trajectory, reference]
     edges: dict[tuple[int, int], Array] = {}
     times_of_edges = np.linspace(0.0, trajectory.duration, EDGE_SAMPLES)
     for own in problem.limits.kinds.values():
         edges |= own.edges(trajectory, times_of_edges)
     for order, quantity in enumerate(quantities):
         limits = getattr(problem.limits, quantity)
-        lines = [curve(trajectory, order)]
-        if reference:
-            lines.append(curve(reference, order))
+        lines = [curve(own, order) for own in drawn]
         column = grid[:, order]
         for joint, axes in zip(joints, column, strict=True):
             _limits(axes, limits[..., joint, :], passing)
@@ -97,6 +99,18 @@ def motion(
         column[0].set_title(f"{quantity} ({unit})")
         column[-1].set_xlabel("time (s)")
         column[-1].set_xlim(0, end)
+    for key, axes in zip(together, wide, strict=True):
+        limit = problem.limits.kinds[key]
+        for shown, look in zip(drawn, looks.values(), strict=True):
+            times, _ = curve(shown, 0)
+            axes.plot(times, limit.along(shown, times)[None], **look)
+        _limits(axes, np.array([-np.inf, 1.0]), passing)
+        _fit(axes)
+        axes.set_ylabel(text(f"{limit.name()} (use)"), fontsize=8)
+        axes.set_xlabel("time (s)")
+        axes.set_xlim(0, end)
+        for time in passing[1:-1]:
+            axes.axvline(time, **_PASSING)
     for joint, axes in zip(joints, grid[:, 0], strict=True):
         label = _label(problem, joint)
         axes.set_ylabel(text(label), fontsize=6 if len(label) > LONG_LABEL else 8)
@@ -139,21 +153,38 @@ def _caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:
     )
 
 
-def _grid(joints: int, columns: int) -> tuple[Figure, Any]:
-    """Return a figure and its panels `(joints, columns)`; a column shares its time axis."""
+def _together(problem: Problem, trajectory: Trajectory) -> list[str]:
+    """Return the kinds of limits that are no joint's, by their keys."""
+    start = trajectory.breaks[:1]
+    kinds = problem.limits.kinds.items()
+    return [key for key, own in kinds if not own.separate and None in own.along(trajectory, start)]
+
+
+def _grid(joints: int, columns: int, together: int) -> tuple[Figure, Any, list[Axes]]:
+    """Return a figure, its panels `(joints, columns)`, and wide ones below them.
+
+    A column shares its time axis. The wide ones are of limits that are no joint's.
+    """
     row = max(0.95, 1.7 - 0.15 * joints)
     width = 2.35 * columns + 0.3
-    height = joints * row + 1.05
+    below = together * (row + BELOW_IN)
+    height = joints * row + 1.05 + below
     figure = Picture(figsize=(width, height))
     figure.subplots_adjust(
         left=LEFT_IN / width,
         right=1 - RIGHT_IN / width,
         top=1 - TOP_IN / height,
-        bottom=BOTTOM_IN / height,
+        bottom=(BOTTOM_IN + below) / height,
         wspace=0.38,
         hspace=0.22,
     )
-    return figure, figure.subplots(joints, columns, squeeze=False, sharex=True)
+    grid = figure.subplots(joints, columns, squeeze=False, sharex=True)
+    wide = []
+    for place in reversed(range(together)):
+        bottom = BOTTOM_IN + place * (row + BELOW_IN)
+        size = ((width - LEFT_IN - RIGHT_IN) / width, row / height)
+        wide.append(figure.add_axes((LEFT_IN / width, bottom / height, *size)))
+    return figure, grid, wide
 
 
 def _limits(axes: Axes, limits: Array, passing: Array) -> None:
