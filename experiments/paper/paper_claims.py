@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from experiments.paper.equations import CENTRE, HOLDS
 from experiments.paper.kept_searches import ALGORITHMS, Found, percent_below, reference
 from trajopt import Problem
 from trajopt.views.analysis import statistics
@@ -36,6 +37,15 @@ def estimates(tables: dict[str, pd.DataFrame]) -> Estimates:
             ours[f"{name}-{joint}-{other}"] = statistics.Estimate(
                 row["ours %"], row["low %"], row["high %"]
             )
+    return ours
+
+
+def equations(table: pd.DataFrame) -> Estimates:
+    """Errors of the equations as printed; those that hold, and those of the wrist, by the worst."""
+    printed = table.set_index("key")["as printed"]
+    ours = {str(key): exactly(error) for key, error in printed.items()}
+    for key, words in (("eq-hold", HOLDS), ("eq-wrist", CENTRE)):
+        ours[key] = exactly(table.loc[table["right"] == words, "as printed"].max())
     return ours
 
 

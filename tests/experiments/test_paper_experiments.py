@@ -8,13 +8,14 @@ import pytest
 
 from experiments import paper_readings, paper_study
 from experiments.paper import choices as paper_choices
+from experiments.paper import equations, paper_claims
 from experiments.paper import kept_searches as paper
-from experiments.paper import paper_claims
 from experiments.paper.choices import READINGS, Fitness, OtherSwarm, exact_excess
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.planners import spline353
 from trajopt.planners.swarm import PSO
+from trajopt.planners.swarm.issa import chaotic_map
 from trajopt.views.analysis.statistics import Estimate
 
 
@@ -206,11 +207,38 @@ def test_table_2_comes_back_but_for_its_singular_wrist(problem):
     assert off["ours deg"].sum() == pytest.approx(30)
 
 
+def test_equations_as_printed_and_in_their_right_form(problem):
+    robot = suite.robot("six-axis")
+    table = equations.checks(robot, problem, postures=200).set_index("key")
+    exact = table["right form"].drop("eq43")
+    assert exact.max() < 1e-11
+    wrong = table.index[table["as printed"] > 1e-11]
+    right = [*["n_x", "n_y", "o_x", "o_z", "a_z", "p_x", "p_z"]]
+    assert not {f"eq3-{name.replace('_', '')}" for name in right} & set(wrong)
+    assert set(table.index[table["right"] == equations.HOLDS]) == set(table.index) - set(wrong)
+    # n_z has s23 for c23, a_y c1 for −c1: at most √2, and 2.
+    assert 1.2 < table.loc["eq3-nz", "as printed"] < np.sqrt(2)
+    assert 1.8 < table.loc["eq3-ay", "as printed"] < 2
+    # The wrist lies 83.8 mm behind the hand.
+    assert table.loc["eq11", "as printed"] == pytest.approx(0.0838, rel=0.02)
+    assert table.loc["eq50", ["as printed", "right form"]].tolist() == [100.0, 0.0]
+
+
+def test_the_exponent_of_a_map_that_settles_and_of_one_that_is_chaotic():
+    x, y = np.random.default_rng(0).uniform(size=(2, 8))
+    for _ in range(500):
+        x, y = chaotic_map(x, y, 0.18, "printed")
+    once_more, _ = chaotic_map(x, y, 0.18, "printed")
+    assert once_more == pytest.approx(x)  # a fixed point
+    assert equations.lyapunov(0.18, "printed", 300, 8) < -0.5
+    assert equations.lyapunov(1.0, "intended", 300, 8) > 0.5  # x' = sin(4π x (1 − x))
+
+
 BEST_353 = 4.31038  # s, proved: no 3-5-3 is shorter
 
 
 def test_study_in_small_and_not_twice(tmp_path, monkeypatch):
-    paper_study.main(quick=True, output=tmp_path)
+    paper_study.main(quick=True, figures=True, output=tmp_path)
     claims = pd.read_csv(tmp_path / "claims.csv")
     verdicts = {"reproduced", "not reproduced", "cannot be decided from the text"}
     assert set(claims["verdict"]) <= verdicts
@@ -221,7 +249,9 @@ def test_study_in_small_and_not_twice(tmp_path, monkeypatch):
     for algorithm in paper.ALGORITHMS:
         assert claimed[algorithm, "shared"] > BEST_353
     written = {file.name for file in tmp_path.iterdir()}
-    for name in ("table2", "table4", "table5", "running-times", "claims"):
+    for figure in ("fig5", "fig6", "fig7"):
+        assert (tmp_path / "figures" / f"{figure}.png").stat().st_size > 20_000
+    for name in ("table2", "table4", "table5", "running-times", "equations", "claims"):
         assert {f"{name}.csv", f"{name}.md"} <= written
     monkeypatch.setattr(paper, "swarm", again)
     found = paper_study.searched(tmp_path, suite.load("six-axis"), 4, 20)
