@@ -83,6 +83,8 @@ def of(problem: Problem, intervals: int) -> Asked:
                 order, joint = places[id(row.value)]
                 _tighten(boxes[order, ..., joint], row, True)
                 continue
+            if np.ndim(row.value) == 0:  # of joints that rest: nothing to choose
+                continue
             imposed = np.ones(len(segments), dtype=bool)
             if row.leaving is not None:
                 begins, ends = (row.value < row.low) | (row.value > row.high)

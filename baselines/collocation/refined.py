@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, transcription
+from baselines.collocation.uniform import KNOWN, CollocationGrid, Nodes, transcription, unsupported
 from baselines.exact.acceleration.planner import Exact, starting_points
-from baselines.exact.jerk import ExactJerk, one_sided
+from baselines.exact.jerk import ExactJerk
 from baselines.exact.method.scaled import Scaled
 from baselines.several_starts import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
@@ -88,7 +88,7 @@ class CollocationRefined(Planner):
                 raise InvalidInput(name, "at least 1", value=getattr(self, name))
 
     def unsupported(self, problem: Problem) -> str | None:
-        return one_sided.unsupported(problem)
+        return unsupported(problem)
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -93,7 +93,7 @@ class Collocation(Planner):
             raise InvalidInput("intervals", "at least 2 per segment", value=self.intervals)
 
     def unsupported(self, problem: Problem) -> str | None:
-        return one_sided.unsupported(problem)
+        return unsupported(problem)
 
     @reduced(SIMPLEST)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -116,6 +116,14 @@ class Collocation(Planner):
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
         answer = grid.trajectory(optimum.nodes)
         return Solution(Status.SOLVED, answer, setup_time=setup_time, stats=stats)
+
+
+def unsupported(problem: Problem) -> str | None:
+    """Return why no transcription has an optimum; None if it may."""
+    limits = problem.limits
+    if (problem.moving & (limits.smooth > 1) & ~limits.jerk_limited).any():
+        return "a joint whose acceleration must be continuous has no jerk limit"
+    return one_sided.unsupported(problem)
 
 
 class Nodes(NamedTuple):

@@ -300,3 +300,14 @@ def test_rows_that_raise_are_a_line(package):
     with pytest.raises(InvalidInput) as wrong:
         limit.worst(motion)
     assert "a negative low and a positive high" in said(wrong)
+
+
+def test_the_contract_notices_joints_together_and_jerk(strangers, monkeypatch):
+    limit = KINDS["speeds_together"].read({"sum": 4.0}, 2)
+    monkeypatch.setattr(type(limit), "separate", True)
+    with pytest.raises(ContractError, match="depends on others"):
+        check_limit(limit)
+    monkeypatch.setattr(type(limit), "separate", False)
+    monkeypatch.setattr(type(limit), "rows", lambda self, at: iter([Row(at.j[0] / 4, -1.0, 1.0)]))
+    with pytest.raises(ContractError, match="smooth = 2"):
+        check_limit(limit)

@@ -36,7 +36,7 @@ def check_limit(limit: Limit) -> None:
     - It gives the use of random motions: no sample is above its worst use.
     - A motion after its dilation keeps it, and a little less does not; `widened` widens it.
     - It has as many rows at any state, each with a bound. They hold where the judge says so.
-    - A `separate` limit has the same use in other units.
+    - A `separate` limit has the same use joint by joint, and in other units.
 
     Args:
         limit: a limit of the kind, with numbers.
@@ -96,6 +96,10 @@ def _rows(limit: Limit) -> int:
             values = np.broadcast_to(row.value, 5)
             _require(bool(np.isfinite(values).all()), f"{limit.key}: a row that is no number")
     _require(len(counts) == 1, f"{limit.key}: the number of rows depends on the state")
+    at = JointState(q, v, a, j, np.zeros(5, dtype=np.intp))
+    still = at._replace(j=[0 * own for own in j])
+    jerky = any(np.any(x.value != y.value) for x, y in zip(rows, limit.rows(still), strict=True))
+    _require(not jerky or limit.smooth >= 2, f"{limit.key}: rows with jerk need smooth = 2")
     return counts.pop()
 
 
@@ -146,6 +150,12 @@ def _check_units(limit: Limit, motion: Trajectory, use: float) -> None:
     second = 3.0
     other = motion.dilated(1 / second)
     scaled = Trajectory(other.breaks, other.coefficients / lengths, other.waypoint_times)
+    alone = np.eye(motion.joints)  # the others stay at 0
+    each = [
+        limit.worst(replace(motion, coefficients=motion.coefficients * own)).value for own in alone
+    ]
+    apart = abs(max(each) - use) <= _RTOL * max(abs(use), 1.0)
+    _require(apart, f"{limit.key}: separate, and the use of one joint depends on others")
     found = limit.in_units(second, lengths[:, None]).worst(scaled).value
     same = abs(found - use) <= _RTOL * max(abs(use), 1.0)
     _require(same, f"{limit.key}: in other units its use is {found:.9g} instead of {use:.9g}")

@@ -128,6 +128,30 @@ def test_a_joint_that_rests_stays_in_the_limits_of_the_others():
     assert durations[0] == pytest.approx(durations[1], rel=1e-6)
 
 
+@pytest.mark.usefixtures("strangers")
+def test_rows_of_joints_that_rest_are_left_out():
+    """The other pendulum rests at an angle that its torque holds."""
+    own = {"gravity": [5.0, 5.0], "torque": [8.0, 8.0]}
+    both = Problem([[0.0, 1.0], [1.0, 1.0]], Limits([5] * 2, [50] * 2, pendulum_torque=own))
+    single = {"gravity": [5.0], "torque": [8.0]}
+    one = Problem([[0.0], [1.0]], Limits([5], [50], pendulum_torque=single))
+    durations = []
+    for problem in (both, one):
+        certificate = verify(problem, Collocation(10).solve(problem).trajectory)
+        assert certificate.feasible
+        durations.append(certificate.certified_duration)
+    assert durations[0] == pytest.approx(durations[1], rel=1e-7)
+
+
+def test_a_continuous_acceleration_needs_a_jerk_limit(monkeypatch, strangers):
+    monkeypatch.setattr(KINDS["motor_power"], "smooth", 2)
+    limits = Limits([5], [10], motor_power={"power": [4.0]})
+    for planner in (Collocation(), CollocationRefined()):
+        found = planner.solve(Problem([[0.0], [1.0]], limits))
+        assert found.status is Status.UNSUPPORTED
+        assert "has no jerk limit" in found.message
+
+
 def test_a_kind_without_rows_is_refused(monkeypatch):
     monkeypatch.setitem(KINDS, "speed_sum", SpeedSum)
     limits = Limits([1, 1], [2, 2], speed_sum={"joints": [1, 2], "sum": 0.8})
