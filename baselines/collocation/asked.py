@@ -100,6 +100,26 @@ def of(problem: Problem, intervals: int) -> Asked:
     return Asked(boxes, leaving, tuple(curved), segments)
 
 
+def bent(problem: Problem) -> Bools:
+    """Return the joints whose optimal acceleration is no step function, `(joints,)`.
+
+    A row that depends on acceleration together with position or velocity makes it a curve.
+    """
+    joints = problem.joints
+    found = np.zeros(joints, dtype=bool)
+    rng = np.random.default_rng(0)
+    q, v, a, j = (list(own) for own in rng.uniform(0.1, 1.0, (4, joints, 3)))
+    at = JointState(q, v, a, j, np.zeros(3, dtype=np.intp))
+    other = at._replace(a=[2 * own for own in a])
+    moved = at._replace(q=[1.5 * own for own in q], v=[1.5 * own for own in v])
+    for limit in problem.limits.kinds.values():
+        for rows in zip(*(limit.rows(own) for own in (at, other, moved)), strict=True):
+            here, faster, there = (row.value for row in rows)
+            if np.any(here != faster) and np.any(here != there):
+                found |= limit.bounds
+    return found
+
+
 def _at_rest(problem: Problem, segments: Any) -> JointState:
     """Return rest at the waypoints of each interval's segment, `(2 waypoints, intervals)`."""
     q = problem.waypoints[np.stack([segments, segments + 1])]

@@ -1,10 +1,11 @@
 """The reference optimum under every kind of limit, by collocation with free nodes, refined.
 
 The optimum's acceleration (its jerk, where that is limited) is piecewise constant, and each joint
-has its own switching times. So the lengths of each joint's intervals are variables. Then a few
-intervals per segment reproduce the optimum itself; equal intervals would converge at first order
-only. Intervals are halved until two consecutive refinements agree. IPOPT starts from several
-initial guesses. The answer is the best local optimum found, which is not proved.
+has its own switching times. Where a row of a limit bends the acceleration it is piecewise linear.
+So the lengths of each joint's intervals are variables. Then a few intervals per segment reproduce
+the optimum itself; equal intervals would converge at first order only. Intervals are halved until
+two consecutive refinements agree. IPOPT starts from several initial guesses. The answer is the best
+local optimum found, which is not proved.
 
     from baselines.collocation.refined import CollocationRefined
     solution = CollocationRefined().solve(problem)
@@ -105,7 +106,7 @@ class CollocationRefined(Planner):
             cell_seconds = _CELL_SECONDS_JERK
         seconds = cell_seconds * cells(problem) ** _CELLS_POWER
         announce("collocation-refined", problem, seconds)
-        grid = CollocationGrid(problem, intervals)
+        grid = CollocationGrid(problem, intervals, bends=True)
         began = time.perf_counter()
         transcription(grid, free=True)
         setup_time = time.perf_counter() - began
@@ -164,7 +165,7 @@ class CollocationRefined(Planner):
                 break
             grid = levels[-1].grid
             nodes = grid.halved(nodes)
-            finer = CollocationGrid(grid.problem, 2 * grid.intervals)
+            finer = CollocationGrid(grid.problem, 2 * grid.intervals, bends=True)
             level = _solved(finer, nodes)
             levels.append(level)
             if _estimate(levels) <= self.error:

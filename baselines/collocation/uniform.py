@@ -60,6 +60,8 @@ _WARM_OPTIONS: Options = {
 }
 # IPOPT's time, s per interval of all joints (measured up to 7000).
 _SECONDS_PER_INTERVAL = 2e-3
+# Jerk, in the grid's units, where a row bends the acceleration and nothing limits its jerk.
+_STEEPEST = 1e5
 # Added to a point's variables, so that none of them is 0.
 _SOMEWHERE = 0.1
 # A waypoint this close to a position limit is on it, in the grid's units.
@@ -163,7 +165,7 @@ class CollocationGrid:
 
     Attributes:
         intervals: Number of intervals per segment.
-        smooth: Which joints have a jerk limit.
+        smooth: Which joints have a continuous acceleration: those with a jerk limit.
         ends: Velocity and acceleration at both ends, `(2 ends, 2, joints)`.
         free: The waypoints whose states are variables: the inner ones, and the last one of a closed
             motion.
@@ -175,7 +177,15 @@ class CollocationGrid:
         tolerance: How far waypoints may be missed, `(waypoints, joints)`.
     """
 
-    def __init__(self, problem: Problem, intervals: int) -> None:
+    def __init__(self, problem: Problem, intervals: int, *, bends: bool = False) -> None:
+        """Prepare the numbers of a grid.
+
+        Args:
+            problem: its joints all move.
+            intervals: of each segment.
+            bends: whether acceleration is linear in an interval, not constant, where rows of limits
+                bend it. With free intervals it may still jump, nearly: an interval may be brief.
+        """
         limits = problem.limits
         waypoints = problem.waypoints
         scaled = Scaled(problem)
@@ -197,7 +207,9 @@ class CollocationGrid:
             own / scale * unit**order
             for own, order in zip((*ask.boxes[1:], ask.leaving), (1, 2, 3, 1), strict=True)
         )
-        self.smooth = tuple((limits.smooth > 1).tolist())
+        bent = asked.bent(problem) & bends
+        self.jerk = np.where(bent & np.isinf(self.jerk), np.sign(self.jerk) * _STEEPEST, self.jerk)
+        self.smooth = tuple((bent | (limits.smooth > 1)).tolist())
         self.boxed = bool(np.isfinite(self.position).any())
         # the same at the nodes
         self.reach = np.array([_at_nodes(own, side) for side, own in enumerate(self.position)])
