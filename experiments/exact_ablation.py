@@ -1,10 +1,10 @@
 """What does each supplier of guesses and each special treatment of `exact` and `exact-jerk` earn?
 
     python -m experiments.exact_ablation              # 30 motions and their parts, half an hour
-    python -m experiments.exact_ablation --planner exact-jerk --motions 4
+    python -m experiments.exact_ablation --planner exact-jerk --motions 0 --every 2
 
-The problems are the drawn ones of the suite `mixes`, the parts of their motions, cut in their own
-state at random and a millisecond from both ends, and some of `moving` and `demands`. Each row
+The problems are those of the suite `mixes`, parts of the motions of its drawn ones, cut in their
+own state at random and a millisecond from both ends, and some of `moving` and `demands`. Each row
 leaves one thing out, or halves or doubles a constant. It counts the problems whose certified
 duration is longer by 1e-6 than the shortest of all rows and parts, and the CPU time.
 """
@@ -115,6 +115,8 @@ def problems(planner: str, motions: int, every: int = EVERY) -> Iterator[tuple[P
     for name in ("moving", "demands"):
         chosen = [own for own in catalogue.problems(name) if own.has("jerk") is jerk]
         yield from ((own, np.inf) for own in chosen[::every])
+    parts = [own for own in catalogue.problems("mixes") if own.name.startswith("mixes-part")]
+    yield from ((own, np.inf) for own in parts if own.has("jerk") is jerk)
     for index in range(int(jerk), 2 * motions, 2):
         drawn = mixes.draw(index)
         yield drawn, np.inf

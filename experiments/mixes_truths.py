@@ -30,11 +30,12 @@ from trajopt.core.problem import Problem
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import backend
 from trajopt.planners.registry import load
+from trajopt.planners.rest_to_rest import stop_times
 
 AGREES = 1e-6  # relative
 PIECES = {False: 3, True: 8}  # of a joint in a segment, without and with jerk limits
 _LONGEST = 1e3  # times the unit of time
-_SPREAD = (-0.7, 1.2)  # of the logarithm of a guess of a segment's time
+_SPREAD = (-0.7, 0.7)  # of the logarithm of a guess's times, from half of those of stopping
 _UNEVEN = (0.5, 1.5)  # lengths of a guess's pieces, relative
 _OPTIONS: Options = {
     "tol": 1e-10,
@@ -54,6 +55,7 @@ class Motions(NamedTuple):
         low, high: Bounds of the variables: the segments' times come first, then the pieces'
             lengths.
         constraints: Lowest and highest values of the constraints.
+        stopping: Times of the segments with stops at both ends.
         shape: Pieces, segments, joints.
         unit: Of time, s.
     """
@@ -62,13 +64,14 @@ class Motions(NamedTuple):
     low: Array
     high: Array
     constraints: tuple[Array, Array]
+    stopping: Array
     shape: tuple[int, int, int]
     unit: float
 
     def least(self, rng: np.random.Generator) -> float:
         """Return the duration of the optimum near a random guess, s; infinite where it fails."""
         pieces, segments, _ = self.shape
-        times = np.exp(rng.uniform(*_SPREAD, segments))
+        times = 0.5 * self.stopping * np.exp(rng.uniform(*_SPREAD, segments))
         times = np.clip(times, self.low[:segments], self.high[:segments])
         lengths = times[:, None] / pieces * rng.uniform(*_UNEVEN, self.shape)
         start = np.clip(0.0, self.low, self.high)
@@ -158,7 +161,8 @@ def motions(problem: Problem) -> Motions:
     solver = program("truth", variables, [], ca.sum1(times), constraints, _OPTIONS)
     low, high = (flat(*(pair[side] for pair in bounds)) for side in (0, 1))
     shape = (pieces, segments, joints)
-    return Motions(solver, flat(*lows), flat(*highs), (low, high), shape, unit)
+    stopping = stop_times(problem.without(*problem.demands)) / unit
+    return Motions(solver, flat(*lows), flat(*highs), (low, high), stopping, shape, unit)
 
 
 def _units(problem: Problem, limits: Sequence[Array]) -> tuple[float, Array]:
