@@ -1,8 +1,8 @@
-"""Whether the velocities of a log are evidence of their own, and to what they are known.
+"""Whether the velocities of a log were measured, and how accurately they are known.
 
 Many logs have velocities that were computed from their positions, filtered, or not measured at all.
-They say nothing that the positions do not say. Others have their own lattice and scatter, agree
-with what the positions move over short and long windows, and are not late: these are evidence.
+These add nothing to the positions. Velocities count if they have a rounding and noise of their own,
+if their integral agrees with the positions over short and long intervals, and if they are not late.
 """
 
 from __future__ import annotations
@@ -35,15 +35,17 @@ class Readings:
 
 NO_READINGS = Readings(np.zeros(0), np.zeros(0), np.zeros(0))
 
-_OWN_SHARE = 0.98  # of the rows in motion that are differences of the positions
-_COARSE = 0.05  # digits that are this share of a velocity show no difference from anything
-_ORDER = 4  # of differences by which the scatter of both is compared
-_SMOOTH = 0.02  # of the variance of differences between neighbours; that of central ones is 1/12
-_LATE, _SURELY_LATE = 0.25, 0.75  # steps in time
+# Share of the rows in motion that are differences of the positions, in computed velocities.
+_OWN_SHARE = 0.98
+_COARSE = 0.05  # rounding over velocity: a coarser one hides whether velocities were computed
+_ORDER = 4  # order of the differences by which both scatters are compared
+# Variance of velocities over that of differences of neighbours; that of central ones is 1/12.
+_SMOOTH = 0.02
+_LATE, _SURELY_LATE = 0.25, 0.75  # rows; the first counts only if it is above the error
 _ERRORS = 3.0  # standard errors of the lateness
-_OFF_SHARE = 0.005  # of the windows whose velocities may not fit the positions
-_SLACK = 1.2
-_STRIDES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
+_OFF_SHARE = 0.005  # largest share of intervals whose velocities do not fit the positions
+_SLACK = 1.2  # factor on the largest allowed misfit of an interval
+_STRIDES = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # rows of an interval
 
 
 def evidence_of(
@@ -53,13 +55,13 @@ def evidence_of(
     limits: Sequence[Limit],
     count: int,
 ) -> Readings | str:
-    """Return velocities with their half widths, or why they are no evidence.
+    """Return velocities with their half widths, or a reason why they do not count.
 
     Args:
         known: The premise of the positions, at the same times.
         velocities: rad/s, `(samples,)`.
         half_digits: Half a unit of the last digit of each velocity.
-        limits: Of the derivatives of the position of order 1 and up.
+        limits: Of the derivatives of position, from order 1.
         count: Number of positions of the whole log.
     """
     times, positions = known.times, known.positions
@@ -72,7 +74,7 @@ def evidence_of(
         return "they are differences of the positions"
     steps = np.diff(times)
     means = (velocities[1:] + velocities[:-1]) / 2
-    # What a motion between two samples may be off their trapezoid, if its velocity is monotone.
+    # Between two samples a monotone velocity differs from the trapezoidal rule by this at most.
     bends = np.append(0, np.cumsum(np.abs(np.diff(velocities)) * steps / 4))
     rest = positions - np.append(0, np.cumsum(means * steps))
     for stride in _STRIDES:
@@ -92,7 +94,7 @@ def evidence_of(
 
 
 def _differences(known: Premise, velocities: Array, half_digits: Array) -> bool:
-    """Return whether velocities are differences of the positions, within their digits."""
+    """Return whether velocities are differences of the positions, up to their rounding."""
     times, positions = known.times, known.positions
     steps, moved = np.diff(times), np.diff(positions)
     rates = moved / steps
@@ -115,9 +117,10 @@ def _differences(known: Premise, velocities: Array, half_digits: Array) -> bool:
 
 
 def _lateness(known: Premise, velocities: Array, rest: Array) -> float | None:
-    """Return by how much velocities are late, s, by least squares; None if they are in time.
+    """Return the delay of the velocities, s, by least squares; None if they are not late.
 
-    The positions less the integral of velocities that are late by d are d times the velocities.
+    With a delay `d`, the positions minus the integral of the velocities are `d` times the
+    velocities.
     """
     step = float(np.median(np.diff(known.times)))
     shape, own = (_without_line(known.times, values) for values in (velocities, rest))

@@ -1,13 +1,13 @@
-"""What a log's positions are known to, joint by joint, from the samples alone.
+"""How accurately a log's positions are known, joint by joint, from the samples alone.
 
-Any verdict on a log rests on it. A position is rounded to its printed digits, to a step of its
-sensor (`trajopt.judging.lattice`), or to 32 bits; and it scatters (`trajopt.judging.scatter`). The
-noise that the scatter does not exclude counts, though none may be there. Noise below
-`HIDDEN_NOISE` steps is not mixed by the rounding, and hides in it: so at least 1.6 times the
-rounding counts.
+Every verdict on a log uses these half widths. A position is rounded to its printed digits, to a
+step of its sensor (`trajopt.judging.lattice`), or to 32 bits. It also has noise
+(`trajopt.judging.scatter`): the largest noise that the samples allow counts, even if there is none.
+Noise below `HIDDEN_NOISE` steps of the rounding does not show in rounded values. So a half width is
+at least 1.6 times the rounding.
 
-Some rows are no samples: where a sensor is slower than the log, its values repeat. And where stamps
-are not those of the samples, the scatter grows with the speed.
+A sensor that is slower than the log repeats its values; repeated rows are not samples. Where time
+stamps differ from the sampling times, the scatter grows with the speed.
 """
 
 from __future__ import annotations
@@ -27,50 +27,53 @@ from trajopt.judging.tube_proof import Limit
 NOISE_DOUBT = 1e-3
 """Probability that some sample of a log is farther off than its half width."""
 LEAST_HALF = 1e-7
-"""Least half width, rad: the program of `tube` rounds narrower tubes away."""
+"""Least half width, rad: the tolerance of the linear program of `tube` is about as large."""
 HIDDEN_NOISE = 0.2
-"""Noise below this part of the rounding's unit is not mixed by it, and does not show."""
+"""Noise below this share of the rounding's unit does not show in rounded values."""
 
-_HIDDEN = 1.6  # times the rounding: a half width at least, where the noise was not stated
-_SEEN = 1.02  # scatter above that of the rounding by this factor is noise
-_ERRORS = 1.5, 2.5  # standard errors above the scatter that count: of unseen and of seen noise
-_ROUNDED = sqrt(12)  # a rounding error has this part of its unit as standard deviation
-_EPSILONS = 8  # no number is known better than this many roundings of floats
-_SHORT = 7  # decimals of a number that is no result of 32 bits
+_HIDDEN = 1.6  # least half width, times the rounding, where the noise is not stated
+_SEEN = 1.02  # a scatter above this many times that of the rounding is noise
+_ERRORS = 1.5, 2.5  # standard errors added to the scatter: without and with visible noise
+_ROUNDED = sqrt(12)  # unit of a rounding over its standard deviation
+_EPSILONS = 8  # least rounding, in units of a float's last place
+_SHORT = 7  # a number with at most this many decimals is not a 32-bit float
 
-_LEAST_HELD = 12  # changes of a value, and rows in motion, by which repeats are recognised
-_MOST_HELD = 12  # rows that a slower sensor repeats its value
-_STAIR = 3.5  # a change by more steps than this is no staircase of one step at a time
-_HELD_SHARE = 0.15  # of rows in motion that repeat, at least
-_STEADY_SHARE = 0.5  # of changes that are in stretches of one rate
-_ROW_SEEN = 2.0  # rows: a change is seen within one, and the rate is known to some of another
+# How a sensor that is slower than the log is recognised:
+_LEAST_HELD = 12  # least number of changes of the value, and of rows in motion
+_MOST_HELD = 12  # most rows for which a value is repeated
+_STAIR = 3.5  # steps of the sensor; a larger change is not the next step of a slow motion
+_HELD_SHARE = 0.15  # least share of repeated rows among those in motion
+_STEADY_SHARE = 0.5  # least share of the changes in intervals of one rate
+_ROW_SEEN = 2.0  # rows by which changes at one rate may differ from it
 
-_JITTER_WINDOWS = 60
-_JITTER_BLOCK = 15
-_JITTER_CORRELATION = 0.7
-_JITTER_GROWTH = 3.0  # of the variance from the slowest windows to the fastest
-_JITTER_UPPER = 1.5  # times the variance of the times
+# How a scatter that grows with the speed is recognised:
+_JITTER_WINDOWS = 60  # least number of windows in motion
+_JITTER_BLOCK = 15  # windows whose mean is taken
+_JITTER_CORRELATION = 0.7  # least correlation of the variance with the squared speed
+_JITTER_GROWTH = 3.0  # least ratio of the variances of the fastest and the slowest windows
+_JITTER_UPPER = 1.5  # factor on the variance of the times, for its error
 
 
 @dataclass(frozen=True, eq=False)
 class Premise:
-    """What the positions of a joint are known to.
+    """How accurately the positions of a joint are known.
 
     Attributes:
         times: Of the rows that are samples, and of the last one, s, `(samples,)`.
-        positions: Moved onto the sensor's lattice, rad.
+        positions: Rounded to the sensor's steps, rad.
         half: Half width of each position, rad.
-        unit: Of the last digit, or of 32 bits, rad.
+        unit: Unit of the last digit, or of a 32-bit float, rad.
         rounding: Half width of rounding alone, rad.
-        step: Of the sensor, rad; 0 where none is coarser than the digits.
-        values: How many different values the joint has.
-        noise: Standard deviation of the noise that counts, rad.
-        windows: Number of windows in motion that exclude more noise; 0 where it cannot be told.
-        seen: Whether the samples scatter more than rounded ones.
-        jitter: Standard deviation of the times, s, where the scatter shows it; else 0.
+        step: Step of the sensor, rad; 0 where it is not coarser than the digits.
+        values: Number of different values.
+        noise: Standard deviation of the largest noise that the samples allow, rad.
+        windows: Number of windows in motion from which the noise is estimated; 0 if there are too
+            few.
+        seen: Whether the samples scatter more than rounding alone does.
+        jitter: Standard deviation of the time stamps, s, where the scatter shows it; else 0.
         left_out: Number of rows that repeat an older value.
-        stated: Which of `noise` and `resolution` were stated, not found.
-        commanded: Whether the positions were commanded, so that their digits are all there is.
+        stated: Which of `noise` and `resolution` the user stated; the others are estimated.
+        commanded: Whether the positions were commanded; they are then exact to their digits.
     """
 
     times: Array
@@ -106,7 +109,7 @@ class Premise:
 
 
 def commanded(times: Array, positions: Array, half_digits: Array) -> Premise:
-    """Return the premise of positions that are all that was sent: their digits."""
+    """Return the premise of commanded positions, which are exact to their digits."""
     half = np.maximum(half_digits, LEAST_HALF)
     digit = float(np.median(half_digits))
     return Premise(times, positions, half, 2 * digit, digit, commanded=True)
@@ -132,15 +135,15 @@ def measured(
         count: Number of positions of the whole log.
         noise: Standard deviation of the noise, rad, if it is known.
         resolution: The sensor's step, rad, if it is known.
-        jitter: Whether a scatter that grows with the speed is that of the times.
+        jitter: Whether a scatter that grows with the speed is due to the time stamps.
     """
     fresh, late = _held(positions, half_digits)
-    with np.errstate(all="ignore"):  # samples of any size: what overflows tells nothing
+    with np.errstate(all="ignore"):  # samples of any size: their squares may overflow
         samples = times[fresh], positions[fresh], half_digits[fresh]
         known = _of_samples(*samples, limits, count, noise, resolution, jitter)
     if fresh.all():
         return known
-    # A repeated value is as old as its sample, and the joint moves on.
+    # The joint moves on while a value is repeated.
     speed = max(map(abs, limits[0]))
     half, at = known.half, known.positions
     if late:
@@ -163,7 +166,7 @@ def _of_samples(
     resolution: float | None,
     jitter: bool,
 ) -> Premise:
-    """Return the premise of rows all of which are samples."""
+    """Return the premise of rows without repeated ones."""
     largest = float(np.abs(positions).max())
     unit = max(2 * float(np.median(half_digits)), _EPSILONS * np.finfo(float).eps * largest)
     unit = max(unit, _unit_of_32_bits(positions))
@@ -172,7 +175,7 @@ def _of_samples(
     if found is not None:
         step, positions = found
     rounding = max(unit, step) / 2
-    if found is not None:  # the lattice is known to the errors of a mean
+    if found is not None:  # the estimated step has the error of a mean
         rounding += unit / sqrt(len(np.unique(positions)))
     elif resolution is not None:
         rounding = (resolution + unit) / 2
@@ -198,8 +201,8 @@ def _of_samples(
     noise = sqrt(max(0.0, upper**2 - rounded**2))
     far: float | Array = quantile * noise
     if not seen and not step:
-        # A sensor's step below two units of the last digit shows in the scatter only: it and the
-        # noise share what the scatter leaves, so that their squares add.
+        # A sensor's step below two units of the last digit shows in the scatter only. The variances
+        # of this step and of the noise add up to the scatter.
         ratio = float(np.clip(scattered.upper(errors) / rounded, 1, 2))
         far = np.hypot(far, own * sqrt(ratio**2 - 1))
     half = np.maximum(_HIDDEN * own, own + far)
@@ -232,9 +235,10 @@ def _unit_of_32_bits(values: Array) -> float:
 def _held(positions: Array, half_digits: Array) -> tuple[Bools, float]:
     """Return which rows are samples, and by how many rows these may be late.
 
-    A sensor that is slower than the log repeats its value while the joint moves fast: by more than
-    a staircase of single steps. It does so again and again for the same number of rows, or for two
-    numbers in turn, at a rate of its own. Then a sample is up to one row older than its row.
+    A sensor that is slower than the log repeats its value also while the joint moves by several
+    steps a row. It repeats it for the same number of rows each time. Or it has a rate of its own
+    and repeats it for two numbers of rows in turn; a sample is then up to one row older than its
+    row.
     """
     everything = np.ones(len(positions), bool)
     changes = np.diff(positions)
@@ -249,7 +253,7 @@ def _held(positions: Array, half_digits: Array) -> tuple[Bools, float]:
     if moving < _LEAST_HELD or repeats < _HELD_SHARE * moving:
         return everything, 0.0
     usual = int(np.bincount(lengths).argmax())
-    regular = bool((lengths % usual == 0).all())  # a value may be the same twice
+    regular = bool((lengths % usual == 0).all())  # two samples may have the same value
     if not regular and not _steady(runs, fast):
         return everything, 0.0
     period = usual if regular else int(lengths.max())
@@ -261,9 +265,9 @@ def _held(positions: Array, half_digits: Array) -> tuple[Bools, float]:
 
 
 def _steady(runs: Indices, fast: Bools) -> bool:
-    """Return whether fast changes come at one rate, up to the row in which they are seen.
+    """Return whether the rows of fast changes differ from a constant rate by `_ROW_SEEN` at most.
 
-    Of noise the number of changes is a random walk about any rate.
+    Changes that noise makes are a random walk about any rate.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
     steady = 0
@@ -275,9 +279,10 @@ def _steady(runs: Indices, fast: Bools) -> bool:
 
 
 def _jitter(times: Array, values: Array, unit: float) -> tuple[float, float]:
-    """Return the standard deviation of the times, s, and the variance of values that stand.
+    """Return the standard deviation of the time stamps, s, and the values' variance at rest.
 
-    The variance of the scatter is fitted by `a + b v²`. (0, 0) where it does not grow with speed.
+    The variance of the scatter is fitted by `a + b v²`, with the speed `v`. Return (0, 0) where it
+    does not grow with the speed.
     """
     squares, moving, speeds = differences(times, values, unit, 4)
     squares, speeds = squares[moving], speeds[moving]
@@ -298,6 +303,6 @@ def _jitter(times: Array, values: Array, unit: float) -> tuple[float, float]:
 
 
 def _robust_mean(squares: Array, unit: float) -> float:
-    """Return the mean of squares of which single ones, of switches of a motion, are cut."""
-    from_median = 9 * float(np.median(squares)) / 0.455  # of a squared normal variable
+    """Return the mean of the squares; large ones, where the motion switches, are clipped."""
+    from_median = 9 * float(np.median(squares)) / 0.455  # 0.455: median of a squared normal
     return float(np.minimum(squares, from_median + unit**2).mean())

@@ -33,7 +33,7 @@ Start = TypeVar("Start")
 DEMANDS_KNOWN = ("least_times", "given_times", "closed")
 # A duration that exceeds the sum of the given times by less, relative, counts as equal.
 _GIVEN_RTOL = 1e-10
-# A bound so near, relative, tells that the second method need not be tried.
+# Largest possible excess over the optimum, relative, with which the second method is left out.
 _NEAR_RTOL = 1e-4
 _SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
 
@@ -119,8 +119,10 @@ class SeveralStarts(Planner):
         return None if motion is None else self.answered(problem, motion)
 
     def is_near(self, problem: Problem, found: Solution) -> bool:
-        """Return whether no second method need be tried: nothing moves at the ends, or a bound
-        proves that the answer is near the fastest.
+        """Return whether the second method can be left out.
+
+        It can if the motion begins and ends at rest, if it has one segment, or if a bound proves
+        that the answer is within `_NEAR_RTOL` of the fastest.
 
         Args:
             problem: With the limits that count.
@@ -183,9 +185,9 @@ class SeveralStarts(Planner):
             scaled: the problem.
             solve: returns the local optimum of each of some initial guesses.
             starts: the initial guesses, in the order in which they are tried.
-            known: local optima that are known already, on one side of a gap each. Two that agree
-                say nothing about another side, so they do not count.
-            beside: initial guesses of the same kind, solved with the first of the others at once.
+            known: local optima that are known already, each on one side of a gap. Their agreement
+                does not end the search, as it tells nothing about the other side of a gap.
+            beside: initial guesses beside gaps, solved together with the first of `starts`.
         """
         first = list(islice(starts, min(self.agreeing, self.starts))) if beside else []
         together = solve([*beside, *first]) if beside else []
@@ -208,7 +210,8 @@ class SeveralStarts(Planner):
             found = self.answered(scaled.problem, motion, stats)
             said = f"{message}: the best of their last iterates that the judge certifies"
             return replace(found, message="; ".join(filter(None, [found.message, said])))
-        # those that differ by rounding; where a dilation mends nothing rounding counts
+        # Durations may differ by rounding alone. Where no dilation mends an excess, take the first
+        # of these motions that keeps its limits.
         ties = [own for own in local if own.duration <= durations.min() * (1 + _SAME_RTOL)]
         answer = scaled.trajectory(ties[0].times, ties[0].states)
         for own in ties[1:] if not scaled.problem.route.dilatable else ():

@@ -1,12 +1,12 @@
 """Mixed demands: two to five at once, and parts of optimal motions.
 
-The drawn ones ask for tolerances that may overlap, least or given times, waits, a loop, states in
-motion at either end, and limits per segment, at once; every other one has jerk limits. By an index
-and `VERSION` they are the same on every machine.
+A drawn problem combines tolerances that may overlap, least or given times, waits, a closed motion,
+states in motion at either end, and limits per segment. Every other one has jerk limits. The index
+and `VERSION` determine a problem on every machine.
 
-The parts are optimal motions of drawn problems, cut at a cycle of a controller in their own state.
-Their numbers depend on a planner's last digits, so they are stored, as `experiments.mixes` made
-them.
+A part is an optimal motion of a drawn problem, cut at a controller's cycle in the state that the
+motion has there. Its numbers depend on a planner's last digits, so the files that
+`experiments.mixes` wrote are stored.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from trajopt.planners.rest_to_rest import stop_times
 VERSION = 1
 DRAWN = 12  # by default
 _MOST_CELLS = 24  # segments times joints
-# Tolerances of each joint, of its largest displacement; with the larger ones boxes overlap.
+# Tolerances, relative to each joint's largest displacement; with the larger ones boxes overlap.
 _SHARES = (0.001, 0.02, 0.1, 0.3)
-_MOST_VELOCITY = 0.6  # of its limit
-_LEAST_LIMIT = 0.3  # of a segment, of the whole problem's
-# What excludes each other: a loop has no ends, and given times leave no others open.
+_MOST_VELOCITY = 0.6  # largest velocity at an end, relative to its limit
+_LEAST_LIMIT = 0.3  # least limit of a segment, relative to the whole problem's
+# Demands that exclude each other: a closed motion has no ends, and given times fix all times.
 _APART = (
     {"closed", "start"},
     {"closed", "end"},
@@ -124,7 +124,7 @@ def _chosen(rng: Generator, segments: int) -> set[str]:
 
 
 def _state(problem: Problem, end: str, segment: int, rng: Generator) -> dict[str, Array]:
-    """Draw a state within the limits of an end's segment, which leads beyond no limit."""
+    """Draw a velocity and an acceleration at an end from which the joint exceeds no limit."""
     limits = problem.limits
     V, A, J = (
         np.abs(own.reshape(-1, problem.joints, 2)[segment]).min(axis=1)
