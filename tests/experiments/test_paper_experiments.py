@@ -6,15 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import paper_readings, paper_study
+from experiments import paper_readings, paper_references, paper_study, paper_words
 from experiments.paper import choices as paper_choices
 from experiments.paper import equations, paper_claims
 from experiments.paper import kept_searches as paper
 from experiments.paper.choices import READINGS, Fitness, OtherSwarm, exact_excess
-from trajopt import Limits, Problem
+from experiments.paper.other_swarms import QPSO, WOA
+from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.planners import spline353
-from trajopt.planners.swarm import PSO
+from trajopt.planners.swarm import PSO, minimise
 from trajopt.planners.swarm.issa import chaotic_map
 from trajopt.views.analysis.statistics import Estimate
 
@@ -276,3 +277,69 @@ def test_readings_in_small_and_not_twice(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(paper_choices, "swarm", again)
     paper_readings.main(quick=True, output=tmp_path)
     assert capsys.readouterr().out == first
+
+
+def test_jumps_and_largest_jerk_in_closed_form():
+    """A cubic over 2 s and one over 1 s: jerk 6 and −12, from rest."""
+    pieces = np.array([[1.0, -2.0], [0.0, 6.0], [0.0, 12.0], [0.0, 8.0]])[..., None]
+    motion = Trajectory([0.0, 2.0, 3.0], pieces, [0.0, 3.0])
+    assert paper_words.largest_jump(motion, 3) == pytest.approx(18)
+    assert paper_words.largest_jerk(motion) == pytest.approx(12)
+    assert paper_words.largest_jump(motion, 2) == pytest.approx(0)
+
+
+def test_the_spread_of_a_first_population_is_that_of_the_uniform_distribution(problem):
+    runs = paper_words.watched("PSO", problem, seeds=6, iterations=3)
+    assert runs.first.shape == (6, 30, 3)
+    assert runs.spread.shape == (4, 6)
+    assert runs.spread[0].mean() == pytest.approx(100 / np.sqrt(12), rel=0.1)
+    watched = paper_words.watched("ISSA, random start", problem, seeds=6, iterations=3)
+    np.testing.assert_allclose(watched.first, runs.first)
+
+
+@pytest.mark.parametrize(
+    ("ends", "above"), [([1.0, 1.0005, 1.005, 1.02], 0.275), ([1.0], 0.0)], ids=["some", "one"]
+)
+def test_robustness_counts_runs(ends, above):
+    times = np.array(ends)[:, None] * [0.5, 0.25, 0.25]
+    runs = paper_words.Watched(times, np.empty(0), np.empty(0))
+    (row,) = paper_words.robustness({"s": runs}, 1.0).to_dict("records")
+    assert row["within 1 %"] == 100 * np.mean(np.array(ends) <= 1.01)
+    assert row["within 0.1 %"] == 100 * np.mean(np.array(ends) <= 1.001)
+    assert row["median above, %"] == pytest.approx(above)
+
+
+@pytest.mark.parametrize("degree", [5, 7])
+def test_a_b_spline_passes_the_points_at_rest(problem, degree):
+    times = np.array([1.0, 0.5, 2.0])
+    spline = paper_references.b_spline(problem, degree, times)
+    np.testing.assert_allclose(spline([0, 1, 1.5, 3.5]), problem.waypoints, atol=1e-12)
+    for order in range(1, (degree + 1) // 2):
+        np.testing.assert_allclose(spline([0, 3.5], order), 0, atol=1e-9)
+    factor = paper_references.dilation(problem, spline)
+    slower = paper_references.b_spline(problem, degree, factor * times)
+    motion = Trajectory.from_spline(slower, waypoint_times=np.cumsum([0, *(factor * times)]))
+    assert verify(problem, motion).dilation == pytest.approx(1, abs=2e-3)
+
+
+@pytest.mark.parametrize("optimiser", [QPSO(), WOA()], ids=["QPSO", "WOA"])
+def test_other_swarms_find_the_minimum_of_a_sphere(optimiser):
+    def sphere(x):
+        return ((x - 0.3) ** 2).sum(axis=-1)
+
+    found = minimise(optimiser, sphere, [-1.0] * 3, [2.0] * 3, range(4), iterations=150)
+    assert np.median(found.fitness) < 1e-6
+    alone = minimise(optimiser, sphere, [-1.0] * 3, [2.0] * 3, [2], iterations=150)
+    assert alone.fitness[0] == found.fitness[2]
+
+
+def test_words_and_references_in_small(tmp_path, monkeypatch):
+    monkeypatch.setattr(paper_references, "FAMILIES", {"best": "spline353-nlp"})
+    monkeypatch.setattr(paper_references, "B_SPLINES", {})
+    paper_references.main(quick=True, output=tmp_path)
+    table = pd.read_csv(tmp_path / "references.csv")
+    assert (table["duration, s"] > BEST_353).all()
+    monkeypatch.setattr(paper_words, "SEARCHES", dict(list(paper_words.SEARCHES.items())[:3]))
+    paper_words.main(quick=True, output=tmp_path)
+    for name in ("smoothness", "diversity", "robustness"):
+        assert len(pd.read_csv(tmp_path / f"{name}.csv")) >= 3
