@@ -41,6 +41,11 @@ from trajopt.planners.swarm.ssa import Flock, Move
 from trajopt.planners.swarm_planner import SwarmPlanner, Unoptimised
 
 Seen = Callable[[Array], None]
+OTHERS = {
+    "best quintic, 5-5-5": "spline:degree=5",
+    "best septic, 7-7-7": "spline:degree=7",
+    "exact optimum": "exact",
+}
 AFTER = (0, 1, 10, 100, 900)  # iterations
 
 
@@ -209,9 +214,7 @@ def main(
         times = runs[name].times
         middle = np.argsort(times.sum(axis=1))[len(times) // 2]
         motions[f"3-5-3, {name}, median run"] = spline353.trajectory(problem, times[middle])
-    motions["best quintic, 5-5-5"] = solved(problem, "spline:degree=5")
-    motions["best septic, 7-7-7"] = solved(problem, "spline:degree=7")
-    motions["exact optimum"] = solved(problem, "exact")
+    motions |= {name: solved(problem, planner) for name, planner in OTHERS.items()}
     tables = {
         "smoothness": smooth(motions, problem),
         "diversity": diversity(runs),
