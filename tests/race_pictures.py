@@ -1,4 +1,6 @@
-"""Still pictures of a race, for where nothing moves: `NAME.png` and `NAME-dark.png`.
+"""Still pictures of a race, for where nothing moves: `NAME.png`, and of a phone `NAME-phone.png`.
+
+Each is there for dark pages too, `NAME-dark.png`.
 
 trajopt race six-axis --seeds 30 --out race.html
 python tests/race_pictures.py race.html docs/_static
@@ -12,7 +14,7 @@ from pathlib import Path
 
 import browser as chromium
 
-WIDTH, SCALE = 1040, 1.5
+SIZES = {"": (1040, 1.5), "-phone": (390, 2.0)}  # width, px, and pixels of the picture per px
 AT = 1.2  # s
 READY = """while (!document.querySelector(".race").dataset.ready)
     await new Promise((go) => setTimeout(go, 20));
@@ -24,13 +26,15 @@ return document.documentElement.scrollHeight;"""
 def main(page: Path, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as profile, chromium.opened(Path(profile)) as browser:
         for scheme, ending in (("light", ""), ("dark", "-dark")):
-            chromium.prefer(browser, scheme)
-            chromium.resize(browser, WIDTH, 600, SCALE)
-            browser.get("about:blank")
-            browser.get(f"{page.absolute().as_uri()}#{AT}")
-            height = chromium.run(browser, READY)
-            chromium.resize(browser, WIDTH, height, SCALE)
-            (folder / f"{page.stem}{ending}.png").write_bytes(browser.get_screenshot_as_png())
+            for kind, (width, scale) in SIZES.items():
+                chromium.prefer(browser, scheme)
+                chromium.resize(browser, width, 600, scale)
+                browser.get("about:blank")
+                browser.get(f"{page.absolute().as_uri()}#{AT}")
+                height = chromium.run(browser, READY)
+                chromium.resize(browser, width, height, scale)
+                file = folder / f"{page.stem}{kind}{ending}.png"
+                file.write_bytes(browser.get_screenshot_as_png())
 
 
 if __name__ == "__main__":

@@ -295,6 +295,7 @@ def test_a_motion_of_one_s_own_is_checked_by_its_exact_peaks(browser, page, runn
             lambda motion: csv_of(motion, 2, factor=1.1),
             "It uses 121.00 % of the acceleration limit of joint",
         ),
+        (lambda motion: csv_of(motion, 2, factor=2), "19.59 % below the optimum. It uses 400.00 %"),
         (lambda motion: csv_of(motion, 1), "joins its samples with straight lines"),
         (lambda motion: csv_of(motion, 2).rsplit("\n", 3)[0], "misses waypoint 4 by 0."),
         (lambda motion: csv_of(motion, 2).replace("[rad]", "[cm]"), "is not read here"),
@@ -309,3 +310,33 @@ def test_what_the_page_cannot_certify_it_says(browser, page, runners, tmp_path, 
     assert said.endswith("Not certified here: run trajopt judge mine.csv six-axis")
     if "121" in expected:  # (1.1)² of the accelerations
         assert "Slowed down 1.1000 times, to 2.3865 s, its peaks are within these limits." in said
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_peaks_between_samples_are_those_of_the_verifier(browser, tmp_path, seed):
+    """Quintic pieces between few samples peak far from them; limits of every order and sign."""
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(np.r_[0, rng.uniform(0.2, 1, 5)])
+    tables = rng.normal(size=(3, 6, 2))
+    tables[1:, [0, -1]] = 0
+    motion = Trajectory.from_samples(t, *tables, waypoint_times=t[[0, 2, 5]])
+    pairs = rng.uniform(0.5, 2, (3, 2, 2)) * [-1, 1] * np.array([20, 300, 9000])[:, None, None]
+    limits = Limits(*pairs, position=np.tile([-9.0, 12.0], (2, 1)))
+    problem = Problem(tables[0, [0, 2, 5]], limits, "made")
+    page = race.write(problem, [ShownMotion("a", "a", motion)], tmp_path / "r.html")
+    browser.get(page.as_uri())
+    chromium.run(browser, READY)
+    heads = [f"{n} [rad{r}]" for r in ("", "/s", "/s^2") for n in problem.joint_labels]
+    rows = np.column_stack([t, *tables])
+    lines = [",".join(["time [s]", *heads]), *(",".join(map(repr, map(float, r))) for r in rows)]
+    said = dropped(browser, tmp_path, "\n".join(lines))
+    uses = {key: limit.worst(motion) for key, limit in limits.kinds.items() if limit.is_ratio}
+    key, use = max(uses.items(), key=lambda item: item[1].value)
+    share = f"{100 * use.value:.2f} %"
+    where = f"joint {use.joint + 1}"
+    if use.value > 1:
+        slower = max(own.value ** (1 / limits.kinds[k].degree) for k, own in uses.items())
+        assert f"It uses {share} of the {key} limit of {where}, at {use.time:.3f} s." in said
+        assert f"Slowed down {slower:.4f} times" in said
+    else:
+        assert f"exact peak {share}, {key} of {where} at {use.time:.3f} s" in said

@@ -22,6 +22,7 @@ from trajopt.views.race import course
 from trajopt.views.race.course import Goal
 
 WEB = Path(__file__).parent / "web"
+_NARROW_KINDS = 3  # kinds of limits whose bars fit beside each other in half a phone's width
 _EQUAL_RTOL = 5e-5  # above the goal by less is not said
 
 
@@ -68,6 +69,7 @@ def fragment(
         "{{ h }}": f"h{level}",
         "{{ title }}": escape(_title(problem)),
         "{{ lead }}": escape(_lead(goal)),
+        "{{ wide }}": " wide" if len(problem.limits.kinds) > _NARROW_KINDS else "",
         "{{ lanes }}": lanes,
         "{{ notes }}": "".join(f"<p>{escape(note)}</p>" for note in notes),
         "{{ style }}": _web("race.css"),

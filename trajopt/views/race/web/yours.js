@@ -92,7 +92,8 @@ const judged = (name, samples) => {
   const speed = (k, u) => Math.max(...parts.at(k).p.map((own, j) => Math.abs(value(rate(own, 1, parts.at(k).T), u))));
   const fast = D.bounds.find(({ order }) => order === 1), slowest = fast ? Math.min(...fast.pairs.map(([, high]) => high)) : 1;
   const kind = ["straight lines, whose velocity jumps", "cubic pieces, whose acceleration jumps", "quintic pieces"][samples.length - 2];
-  let said = `${name}: ${duration.toFixed(4)} s, ${percent(duration / D.goal.duration - 1)} above ${D.goal.name}.`;
+  const more = duration / D.goal.duration - 1;
+  let said = `${name}: ${duration.toFixed(4)} s, ${percent(Math.abs(more))} ${more < 0 ? "below" : "above"} ${D.goal.name}.`;
   if (missed >= 0) return { said: `${said} It misses waypoint ${missed + 1} by ${passed[missed][0].toPrecision(2)} ${D.units[0]}.${again}`, passed, parts };
   if (samples.length - 2 < D.smooth) return { said: `${said} A controller joins its samples with ${kind}.${again}`, passed, parts };
   if (Math.max(speed(0, 0), speed(-1, 1)) > CLOSE * slowest) return { said: `${said} It does not begin and end at rest.${again}`, passed, parts };
