@@ -235,10 +235,10 @@ def _solved(grid: CollocationGrid, start: Nodes) -> _Level:
 def _starts(grid: CollocationGrid, count: int) -> Iterator[Nodes]:
     """Yield `exact`'s motion, stopping, the first one slower, random ones.
 
-    Rows of several joints lead far away from `exact`'s motion. Then the optimum on equal intervals
-    is the first one.
+    Rows of several joints, or with acceleration, lead far away from `exact`'s motion. Then the
+    optimum on equal intervals is the first one.
     """
-    if grid.asked.together:
+    if grid.asked.together or grid.bent.any():
         equal = transcription(grid)(grid, grid.stopping())
         if equal.success:
             yield equal.nodes

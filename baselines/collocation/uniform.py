@@ -74,8 +74,8 @@ _DRIFT_WEIGHT = 1e-4
 # Longest motion, relative to the time of stopping at every waypoint; and the largest dilation of
 # that time with limits that `exact` does not know.
 _LONGEST = 1.5
-# With rows of several joints, for which `stopping` takes twice that time.
-_LONGEST_TOGETHER = 3.0
+# With rows of several joints, or with acceleration, for which `stopping` takes twice that time.
+_LONGEST_CURVED = 3.0
 _SLOWEST = 1e3
 # Longest time that a joint which begins or ends in motion may take more, in times of stopping.
 _RETURNS = 6.0
@@ -165,6 +165,7 @@ class CollocationGrid:
 
     Attributes:
         intervals: Number of intervals per segment.
+        bent: Which joints' accelerations rows of limits bend.
         smooth: Which joints have a continuous acceleration: those with a jerk limit.
         ends: Velocity and acceleration at both ends, `(2 ends, 2, joints)`.
         free: The waypoints whose states are variables: the inner ones, and the last one of a closed
@@ -207,7 +208,8 @@ class CollocationGrid:
             own / scale * unit**order
             for own, order in zip((*ask.boxes[1:], ask.leaving), (1, 2, 3, 1), strict=True)
         )
-        bent = asked.bent(problem) & bends
+        self.bent = asked.bent(problem)
+        bent = self.bent & bends
         self.jerk = np.where(bent & np.isinf(self.jerk), np.sign(self.jerk) * _STEEPEST, self.jerk)
         self.smooth = tuple((bent | (limits.smooth > 1)).tolist())
         self.boxed = bool(np.isfinite(self.position).any())
@@ -239,7 +241,8 @@ class CollocationGrid:
         # of a joint in motion: to end its acceleration and its velocity
         ends = velocity / weakest + acceleration / gentlest + np.sqrt(velocity / gentlest)
         returning = _RETURNS * ends.max()
-        longest = _LONGEST_TOGETHER if self.asked.together else _LONGEST
+        slow = self.asked.together or self.bent.any()
+        longest = _LONGEST_CURVED if slow else _LONGEST
         return float(longest * self.slower * (self.stop.sum() + returning))
 
     def dilation(self, motion: Trajectory) -> float:

@@ -73,11 +73,19 @@ def test_a_pendulum_is_planned():
 
 
 @pytest.mark.usefixtures("strangers")
-def test_the_stated_error_of_a_product_covers_the_true_one():
-    """v · a ≤ 4 from rest: 10 rad/s² until 0.4 rad/s, then v² = 0.16 + 8 t, then −10 rad/s²."""
-    problem = Problem([[0.0], [1.0]], Limits([5], [10], motor_power={"power": [4.0]}))
-    top = brentq(lambda v: 0.008 + (v**3 - 0.4**3) / 12 + v**2 / 20 - 1, 0.4, 5)
-    optimum = 0.04 + (top**2 - 0.16) / 8 + top / 10
+@pytest.mark.parametrize(("most", "power", "way"), [(10.0, 4.0, 1.0), (7.86, 1.27, 1.34)])
+def test_the_stated_error_of_a_product_covers_the_true_one(most, power, way):
+    """From rest `most` until v · a is the power, then v² grows with time, then −`most`."""
+    limits = Limits([5], [most], motor_power={"power": [power]})
+    problem = Problem([[0.0], [way]], limits)
+    turn = power / most
+    before = turn**2 / (2 * most)
+
+    def missed(top: float) -> float:
+        return before + (top**3 - turn**3) / (3 * power) + top**2 / (2 * most) - way
+
+    top = brentq(missed, turn, 5)
+    optimum = turn / most + (top**2 - turn**2) / (2 * power) + top / most
     found, error = closest(problem)
     assert optimum * (1 - 1e-9) < found < optimum * (1 + error)
     assert error < 2e-3
