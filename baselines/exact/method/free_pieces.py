@@ -73,6 +73,7 @@ class FreeOptimum(NamedTuple):
         offset: of these waypoints from their nominal places, likewise.
         pieces: of the joints, one after another: their lengths, and velocities, accelerations and
             jerks at their starts, `(4, pieces, joints)`.
+        converged: whether IPOPT says that it is one. If not, this is its last iterate.
     """
 
     times: Array
@@ -80,6 +81,7 @@ class FreeOptimum(NamedTuple):
     acceleration: Array
     offset: Array
     pieces: Array
+    converged: bool
 
 
 def choices(problem: Problem) -> int:
@@ -156,12 +158,14 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
         flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
         flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
     )
-    answer = None
+    answer, converged = None, False
     for most in (high, exact):  # the second begins at the answer of the first
         run = solver(np.clip(guess, low, most), parameters, (low, most), rows)
         if not run.x[-missing.size :].max() <= _MISSED:
             break
-        answer = guess = run.x
+        guess = run.x
+        if run.success or not converged:
+            answer, converged = run.x, run.success
     if answer is None:
         return None
     answer = _sharpened(solver, answer, parameters, (low, exact), rows)
@@ -174,6 +178,7 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
         jerky * acceleration[at_waypoints],
         way * offset,
         np.array([unit * lengths, velocity, acceleration, jerks * way / unit**3]),
+        converged,
     )
 
 

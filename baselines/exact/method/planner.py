@@ -158,7 +158,9 @@ class SeveralStarts(Planner):
                 if found is None:
                     continue
                 if not found.times.sum() < shortest:
-                    break
+                    if found.converged:
+                        break
+                    continue
                 motion = motion_of(scaled, optimum(scaled, found))
                 if motion is None or not keeps(known, motion):
                     motion = free_pieces.motion(scaled, found)

@@ -66,6 +66,26 @@ def test_an_iterate_that_has_not_converged_is_an_answer(monkeypatch: pytest.Monk
     assert duration(Problem(WAYPOINTS, Limits([10], [0.5]))) == pytest.approx(4.0, rel=1e-8)
 
 
+class SecondDiverges(Program):
+    """A program whose second run ends elsewhere, unconverged."""
+
+    runs = 0
+
+    def __call__(self, *data: Any) -> Run:
+        run = super().__call__(*data)
+        self.runs += 1
+        return run if self.runs == 1 else replace(run, x=1.2 * run.x, success=False)
+
+
+def test_a_converged_point_is_not_replaced_by_one_that_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A part of a motion that took 2.668 s took 3.109 s: the other iterate broke a limit."""
+    build = free_pieces._solver
+    monkeypatch.setattr(free_pieces, "_solver", lambda *size: SecondDiverges(build(*size)._solver))
+    assert duration(Problem(WAYPOINTS, Limits([10], [0.5]))) == pytest.approx(4.0, rel=1e-6)
+
+
 def test_where_only_one_motion_is_left_the_answer_keeps_its_limits_to_rounding() -> None:
     """A part of an optimal motion, cut at its controller's cycle: it took 0.831 s there.
 
