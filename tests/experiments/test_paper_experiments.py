@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from experiments import paper_inverse, paper_readings, paper_references, paper_study, paper_words
+from experiments.__main__ import questions
 from experiments.paper import choices as paper_choices
 from experiments.paper import equations, paper_claims
 from experiments.paper import kept_searches as paper
@@ -350,3 +354,35 @@ def test_the_inverse_in_small(tmp_path):
     paper_inverse.main(quick=True, output=tmp_path)
     table = pd.read_csv(tmp_path / "inverse.csv")
     assert table["largest miss"].max() < 1e-9
+
+
+def test_every_item_of_the_paper_has_a_command_and_a_verdict():
+    page = (Path(__file__).parents[2] / "docs/paper.md").read_text(encoding="utf-8")
+    table = page.split("| item of the paper |")[1].split("\n\n")[0]
+    rows = [line.strip("|").split("|") for line in table.splitlines()[2:]]
+    assert len(rows) > 30
+    for item, command, verdict, found in ([cell.strip() for cell in row] for row in rows):
+        assert item
+        assert found
+        assert verdict in {"matches", "judged", "differs"}
+        program, *words = command.strip("`").split()
+        if program == "python":
+            assert words[1].removeprefix("experiments.") in questions()
+        else:
+            assert program in {"trajopt", "pytest"}
+    numbers = [own for row in rows for own in map(int, re.findall(r"\d+", items_of(row[0])))]
+    missing = set(range(1, 51)) - set(numbers)
+    assert not missing
+
+
+def items_of(item: str) -> str:
+    """Return numbers of the equations in a row's first cell, ranges written out."""
+    said = item.strip().split(":")[0].replace("Fig. 3; ", "")
+    if not said.startswith("eq."):
+        return ""
+    said = said.split(", Table")[0]
+    return re.sub(
+        r"(\d+) to (\d+)",
+        lambda found: " ".join(map(str, range(int(found[1]), int(found[2]) + 1))),
+        said,
+    )
