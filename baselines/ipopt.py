@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.planners.planner import backend
 
 if TYPE_CHECKING:
@@ -78,6 +78,16 @@ class Program:
         constraints, jacobian = derivatives(x, parameters)
         values = np.asarray(constraints).ravel()
         return values, scipy.sparse.csr_array(jacobian.sparse())
+
+    def depends(self, x: Array, parameters: Array, variables: Bools) -> Bools:
+        """Return which constraints have a derivative by some variables at a point."""
+        derivatives = self._solver.get_function("nlp_jac_g")
+        _, jacobian = derivatives(x, parameters)
+        rows, columns = (np.array(own) for own in jacobian.sparsity().get_triplet())
+        nonzero = np.array(jacobian.nonzeros()) != 0
+        found = np.zeros(jacobian.shape[0], dtype=bool)
+        found[rows[nonzero & variables[columns]]] = True
+        return found
 
 
 def program(
