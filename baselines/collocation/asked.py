@@ -29,11 +29,13 @@ class Curved(NamedTuple):
     Attributes:
         limit: the limit, in SI units.
         rows: their places among all its rows.
+        vary: whether the bounds of each differ from segment to segment.
         low, high: their bounds, infinite where a row is not imposed, `(rows, intervals)`.
     """
 
     limit: Limit
     rows: tuple[int, ...]
+    vary: tuple[bool, ...]
     low: Array
     high: Array
 
@@ -77,7 +79,7 @@ def of(problem: Problem, intervals: int) -> Asked:
     first_half = np.arange(len(segments)) % intervals < intervals / 2
     curved = []
     for limit in problem.limits.kinds.values():
-        rows, lows, highs = [], [], []
+        rows, vary, lows, highs = [], [], [], []
         for number, row in enumerate(limit.rows(at)):
             if id(row.value) in places:
                 order, joint = places[id(row.value)]
@@ -93,10 +95,12 @@ def of(problem: Problem, intervals: int) -> Asked:
                 _tighten(leaving[..., joint], row.leaving, away)
                 imposed = ~away
             rows.append(number)
+            vary.append(any(np.unique(bound).size > 1 for bound in (row.low, row.high)))
             lows.append(np.where(imposed, row.low, -np.inf))
             highs.append(np.where(imposed, row.high, np.inf))
         if rows:
-            curved.append(Curved(limit, tuple(rows), np.array(lows), np.array(highs)))
+            bounds = np.array(lows), np.array(highs)
+            curved.append(Curved(limit, tuple(rows), tuple(vary), *bounds))
     return Asked(boxes, leaving, tuple(curved), segments)
 
 
@@ -195,7 +199,8 @@ class Curves:
                 every = _at_instants(own, limit, at)
             for row, (parts, continuous) in enumerate(every):
                 self.jumps |= not continuous
-                shared = continuous and len(parts) > 1  # the last is the next interval's first
+                # the last part is the next interval's first
+                shared = continuous and not own.vary[row] and len(parts) > 1
                 whole = parts[:-1] if shared else parts
                 columns = [(part, slice(None)) for part in whole]
                 if shared and self.to_end:

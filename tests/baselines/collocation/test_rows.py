@@ -15,7 +15,7 @@ from baselines.collocation.refined import CollocationRefined
 from baselines.collocation.symbols import NotPolynomialError, Polynomial, Symbol
 from baselines.collocation.uniform import Collocation
 from tests.test_new_limit import SpeedSum
-from trajopt import Limits, Problem, Status, verify
+from trajopt import Limits, Problem, Status, Trajectory, verify
 from trajopt.core.limits import KINDS
 from trajopt.core.limits.rows import Row, positive
 
@@ -149,6 +149,31 @@ def test_rows_of_joints_that_rest_are_left_out():
         assert certificate.feasible
         durations.append(certificate.certified_duration)
     assert durations[0] == pytest.approx(durations[1], rel=1e-7)
+
+
+@pytest.mark.usefixtures("strangers")
+def test_rows_may_depend_on_the_segment(monkeypatch):
+    """At a waypoint the limits of both segments hold; a piece may reach over it."""
+    kind = KINDS["speeds_together"]
+    highest = np.array([0.8, 0.3, 0.8])
+
+    def rows(self, at):
+        bound = highest[at.segments] * self.column("sum")[0]
+        yield Row(at.v[0] + at.v[1], -bound, bound)
+        yield Row(at.v[0] - at.v[1], -bound, bound)
+
+    monkeypatch.setattr(kind, "rows", rows)
+    waypoints = [[0.0, 0.0], [0.5, -0.5], [1.0, -1.0], [1.5, -1.5]]
+    problem = Problem(waypoints, Limits([1, 1], [2, 2], speeds_together={"sum": 1.0}))
+    motion = Collocation(12).solve(problem).trajectory
+    certificate = verify(problem, motion)
+    assert certificate.feasible
+    assert certificate.uses["speeds_together"].value == pytest.approx(1, abs=1e-6)
+    # 0.5 rad each at 0.15 rad/s, and at most 0.4 rad/s before and after
+    middle = np.diff(motion.waypoint_times)[1]
+    assert 0.5 / 0.15 * (1 - 1e-9) < middle < 0.5 / 0.15 * 1.001
+    one = Trajectory([0.0, 4.0], [[[0.25, -0.25]], [[0.0, 0.0]]], [0.0, 1.0, 3.0, 4.0])
+    assert problem.limits.kinds["speeds_together"].worst(one).value == pytest.approx(0.5 / 0.3)
 
 
 def test_a_continuous_acceleration_needs_a_jerk_limit(monkeypatch, strangers):

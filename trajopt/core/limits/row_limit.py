@@ -50,6 +50,7 @@ class RowLimit(FieldsLimit):
 
     def _worst(self, motion: Trajectory, least: float = 0.0) -> Use:
         """Return the worst use; `least` where it is less."""
+        motion = motion.refined(motion.waypoint_times)  # rows may depend on the segment
         pieces = np.arange(len(motion.lengths))
         starts, size = np.zeros(len(pieces)), 1.0
         best, at = least, 0.0
