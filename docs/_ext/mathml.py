@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -15,6 +16,10 @@ from sphinx.writers.html5 import HTML5Translator
 
 TAG = re.compile(r"\s*\\tag\{([\d.]+)\}\s*$")
 CITED = re.compile(r"\((\d+\.\d+)\)")
+OPENING = ("{", r"\left", r"\begin")
+CLOSING = ("}", r"\right", r"\end")
+SPACES = (r"\quad", r"\qquad")
+TOKEN = re.compile(r"\\[a-zA-Z]+|\\.|[{}=]")
 MATHEMATICS = "mathematics"  # the page and the folder whose citations are links
 
 
@@ -30,11 +35,29 @@ def block(writer: HTML5Translator, node: nodes.math_block) -> None:
     found = TAG.search(text)
     number = f'<span class="eqno">({found[1]})</span>' if found else ""
     place = f' id="{anchor(found[1])}"' if found else ""
-    formula = convert(TAG.sub("", text), display="block")
+    formula = "".join(convert(part, display="block") for part in parts(TAG.sub("", text)))
     writer.body.append(
         f'<div class="math numbered"{place}><div class="formula">{formula}</div>{number}</div>'
     )
     raise nodes.SkipNode
+
+
+def parts(text: str) -> list[str]:
+    """Return what may stand on a line of its own: between wide spaces, or from a first relation."""
+    depth = 0
+    ends = []
+    relation = None
+    for found in TOKEN.finditer(text):
+        token = found[0]
+        depth += token in OPENING
+        depth -= token in CLOSING
+        if depth == 0 and token in SPACES:
+            ends.append(found.end())
+        if depth == 0 and token == "=" and relation is None:
+            relation = found.start()
+    if not ends and relation:
+        ends = [relation]
+    return [text[start:end] for start, end in pairwise([0, *ends, len(text)])]
 
 
 def anchor(number: str) -> str:
