@@ -311,3 +311,22 @@ def test_the_contract_notices_joints_together_and_jerk(strangers, monkeypatch):
     monkeypatch.setattr(type(limit), "rows", lambda self, at: iter([Row(at.j[0] / 4, -1.0, 1.0)]))
     with pytest.raises(ContractError, match="smooth = 2"):
         check_limit(limit)
+
+
+def test_a_kind_of_a_script_needs_a_file_of_its_own(tmp_path):
+    """The process that judges cannot import a script."""
+    script = (
+        MODULE
+        + """
+if __name__ == "__main__":
+    from trajopt import Limits, Problem, compare
+
+    limits = Limits([1, 1], [2, 2], tool_speed={"links": [0.6, 0.4], "speed": 0.5})
+    problem = Problem([[0.0, 0.0], [1.0, -1.0]], limits, "script")
+    compare([problem], ["collocation"], "results")
+"""
+    )
+    (tmp_path / "script.py").write_text(script)
+    command = [sys.executable, "script.py"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert "limits.tool_speed is 'a class of this script': expected a kind in a file" in done.stderr

@@ -374,6 +374,10 @@ def _pickled(profile: Profile) -> str | bytes:
 
 
 def _request(task: Task, source: str | bytes, store: Store, allowed: Allowance) -> Request:
+    for key, limit in task.problem.limits.kinds.items():
+        if type(limit).__module__ == "__main__":
+            right = "a kind in a file of its own: the process that judges cannot import this one"
+            raise InvalidInput(f"limits.{key}", right, value="a class of this script")
     digest = judge_digest(task.problem)
     entrant = task.profile.entrant
     return Request(entrant, task.problem, task.seeds, source, store, allowed, digest)
