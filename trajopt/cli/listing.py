@@ -136,6 +136,7 @@ def _arm(name: str) -> dict[str, Any]:
         "description": arm.description,
         "joint_names": list(arm.joint_names),
         "limits": {kind: origin.status for kind, origin in arm.origins.items()},
+        "link_frames": arm.chain_origin.status if arm.chain_origin else None,
     }
 
 
@@ -226,9 +227,11 @@ def _problem_table(problems: Sequence[dict[str, Any]]) -> PlainTable:
 
 
 def _arm_table(arms: Sequence[dict[str, Any]]) -> PlainTable:
-    table = console.table("robot", "joints", "limits, and how they are known")
+    table = console.table("robot", "joints", "limits and link frames, and how they are known")
     for arm in arms:
         origins = [f"{kind} ({status})" for kind, status in arm["limits"].items()]
+        if arm["link_frames"]:
+            origins.append(f"link frames ({arm['link_frames']})")
         name = console.bold(arm["name"])
         joints = len(arm["joint_names"])
         table.row(name, joints, ", ".join(origins))

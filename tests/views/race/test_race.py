@@ -123,6 +123,17 @@ def test_an_arm_is_inside_its_picture_and_stands_on_the_left(runners):
         assert seen[..., 0].mean() > 0
 
 
+def test_what_a_page_cannot_check_it_names():
+    """A jerk limit on one side only has no bar; one near the ends of ranges is no interval."""
+    sided = Problem([[0.0], [1.0]], Limits([1.0], [1.0], jerk=[[-np.inf, 50.0]]), least_duration=3)
+    plain = motions(sided.without("jerk", "least_duration"), "exact")
+    found = data_of(race.fragment(sided, plain))
+    assert found["left_out"] == ["jerk limits", "least duration"]
+    arm = catalogue.load("robots-franka-fr3-w4")
+    found = data_of(race.fragment(arm, motions(arm, "ruckig-stop")))
+    assert found["left_out"] == ["falling velocity limits"]
+
+
 # --- in a browser ---
 
 LOOK = """

@@ -138,8 +138,9 @@ def _checked(problem: Problem, limits: Sequence[Limit]) -> dict[str, Any]:
         for kind, own in enumerate(limits)
         if isinstance(own, JointLimit) and own.segments is None
     ]
-    known = {own["kind"] for own in simple}
-    left_out = [f"{own.name()} limits" for kind, own in enumerate(limits) if kind not in known]
+    known = {limits[own["kind"]].key for own in simple}
+    kinds = problem.limits.kinds.items()
+    left_out = [f"{own.name()} limits" for key, own in kinds if key not in known]
     return {
         "problem": problem.name,
         "bounds": simple,
