@@ -133,12 +133,14 @@ def _checked(problem: Problem, limits: Sequence[Limit]) -> dict[str, Any]:
 
     It checks intervals for derivatives, the same all the way, and continuity; from rest to rest.
     """
-    simple = [
-        {"kind": kind, "order": own.order, "ratio": own.is_ratio, "pairs": own.pairs}
-        for kind, own in enumerate(limits)
-        if isinstance(own, JointLimit) and own.segments is None
-    ]
-    known = {limits[own["kind"]].key for own in simple}
+    simple: list[dict[str, Any]] = []
+    known = set()
+    for kind, own in enumerate(limits):
+        if isinstance(own, JointLimit) and own.segments is None:
+            known.add(own.key)
+            simple.append(
+                {"kind": kind, "order": own.order, "ratio": own.is_ratio, "pairs": own.pairs}
+            )
     kinds = problem.limits.kinds.items()
     left_out = [f"{own.name()} limits" for key, own in kinds if key not in known]
     return {
