@@ -54,7 +54,7 @@ def _look(name: str) -> dict[str, Any]:
 @plots.styled
 def tool_path(robot: Robot, problem: Problem, motions: Motions) -> Figure:
     """Fig. 5: the tool's path in space, and the same from the side and from above, m."""
-    figure = plots.Picture(figsize=(9.6, 3.6), layout="constrained")
+    figure = plots.Picture(figsize=(7.4, 3.3), layout="constrained")
     space = figure.add_subplot(1, 3, 1, projection="3d")
     side, above = figure.add_subplot(1, 3, 2), figure.add_subplot(1, 3, 3)
     for name, motion in motions.items():
@@ -71,7 +71,7 @@ def tool_path(robot: Robot, problem: Problem, motions: Motions) -> Figure:
     for axes, upward in ((side, z), (above, y)):
         axes.plot(x, upward, **marks, label="path points 1 to 4" if axes is side else "")
         for number, place in enumerate(zip(x, upward, strict=True), start=1):
-            below = -10 if number == 1 else 4
+            below = -10 if number == 1 and axes is above else 3
             axes.annotate(str(number), place, (5, below), textcoords="offset points")
     space.set(xlabel="x (m)", ylabel="y (m)", title="in space; z upwards (m)")
     space.tick_params(labelsize=6)
@@ -81,7 +81,7 @@ def tool_path(robot: Robot, problem: Problem, motions: Motions) -> Figure:
     above.set(xlabel="x (m)", ylabel="y (m)", title="from above")
     side.set_aspect("equal", adjustable="datalim")
     above.set_aspect("equal", adjustable="datalim")
-    figure.legend(*side.get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.legend(*side.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -98,7 +98,7 @@ def _by_iteration(curve: Array, algorithm: str, iterations: int) -> Array:
 @plots.styled
 def convergence(found: Found, problem: Problem, iterations: int) -> Figure:
     """Fig. 6: the best duration of each joint alone by iteration, medians and quartiles."""
-    figure = plots.Picture(figsize=(9.6, 5.0), layout="constrained")
+    figure = plots.Picture(figsize=(7.4, 4.6), layout="constrained")
     grid = figure.subplots(2, 3, sharex=True)
     steps = np.arange(iterations + 1)
     for joint, axes in enumerate(grid.flat):
@@ -147,7 +147,7 @@ def _level(axes: Axes, duration: float, label: str, look: dict[str, Any]) -> Non
 @plots.styled
 def joint_curves(problem: Problem, motions: Motions) -> Figure:
     """Fig. 7: angle, velocity and acceleration of all joints, a column per motion."""
-    figure = plots.Picture(figsize=(11.0, 6.4), layout="constrained")
+    figure = plots.Picture(figsize=(7.4, 6.0), layout="constrained")
     grid = figure.subplots(3, len(motions), sharex=True, sharey="row")
     letters = iter("abcdefghi")
     for order, row in enumerate(grid):
