@@ -96,10 +96,6 @@ VARIANTS: dict[str, dict[str, Variant]] = {
     },
     "exact-jerk": {
         **BOTH,
-        "no even pieces": _out(f"{_JERK}.even_pieces:starts"),
-        "no narrowing limits": {
-            f"{_JERK}.narrow:inside": lambda _: lambda scaled, starts, spare: list(starts)
-        },
         "no guesses beside gaps": _out(f"{_JERK}.gaps:starts"),
         "no more guesses where all fail": _out(f"{_JERK}.gaps:more_starts", lambda _: iter(())),
         "no start at the exact points": _out(f"{_JERK}.planner:_from_exact_points"),

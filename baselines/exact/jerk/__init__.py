@@ -4,7 +4,6 @@ In reading order:
 
 - `planner`: the program, its initial guesses and its answer.
 - `gaps`: the initial guesses of a motion that begins or ends in motion.
-- `even_pieces`: those that pass waypoints before a joint can stop.
 - `profiles`: the two extreme profiles of a joint in a segment, in closed form.
 - `cells`: unknowns, inequalities and Newton steps of the program.
 - `near`: the same with waypoints within a tolerance.

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
-from baselines.exact.jerk import even_pieces, gaps, narrow, one_sided
+from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
@@ -172,17 +172,12 @@ class ExactJerk(SeveralStarts):
                 from baselines.exact.jerk.by_ipopt import minimised
 
                 return minimised(scaled, [own.times for own in starts])
-            found = _minimised(scaled, starts)
-            for k, own in enumerate(starts):
-                if isinstance(own, narrow.NarrowStart) and not np.isfinite(found[k].duration):
-                    found[k : k + 1] = _met(scaled, [own])
-            return found
+            return _minimised(scaled, starts)
 
         if not problem.route.at_rest and len(scaled.h) == 1:
             return self.best_of(scaled, partial(_met, scaled), iter(gaps.first_time(scaled)))
         if not problem.route.at_rest:
-            passed = narrow.inside(scaled, even_pieces.starts(scaled), spare)
-            beside = [*gaps.starts(scaled), *passed]
+            beside = gaps.starts(scaled)
             known = solve(beside) if beside else []
             more = gaps.more_starts(scaled) if patient else iter(())
             if np.isfinite([own.duration for own in known]).any():
