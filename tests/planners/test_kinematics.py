@@ -128,6 +128,16 @@ def test_no_farther_than_a_solution_that_is_known():
         assert np.linalg.norm(found - posture) <= np.linalg.norm(q - posture) + 1e-9
 
 
+@pytest.mark.parametrize("q5", [0.0, 1e-9, 1e-6, 1e-4])
+def test_a_singular_wrist_is_found_within_the_ranges(q5):
+    """Half of the turn can be more than an axis may take: then the other takes the rest."""
+    for q, posture in np.random.default_rng(5).uniform(*SIX.joint_range.T, (12, 2, 6)):
+        q[4] = q5
+        found = SIX.nearest(SIX.forward(q), posture)
+        assert miss(SIX, found, SIX.forward(q)) < 1e-9
+        assert np.linalg.norm(found - posture) <= np.linalg.norm(q - posture) + 1e-5
+
+
 @pytest.mark.parametrize("kept", [0.0, 0.5, -1.2])
 def test_a_singular_wrist_turns_both_of_its_axes_as_little_as_it_can(kept):
     """Axes 4 and 6 are one: the pose fixes the sum of their angles, 0.4 rad."""

@@ -59,7 +59,8 @@ class Branches:
         miss: Distance of the hand from the pose, m, `(…, 8)`; rounding alone where it is reached.
         within: Whether all angles are in their ranges, `(…, 8)`.
         singular: Whether axes 4 and 6 are one, `(…, 8)`: the pose fixes θ4 + θ6 or θ4 − θ6 alone,
-            and both are as near to the posture as that allows.
+            and both are as near to the posture as that allows, in their ranges or not (`nearest`
+            keeps the ranges).
     """
 
     q: Array
@@ -205,16 +206,14 @@ def _nearest(robot: Robot, pose: Array, posture: Array, key: str) -> Array:
     low, high = robot.joint_range.T
     size = _size(robot)
     missed = np.inf
-    reached = []
+    reached: list[Array] = []
     for start in _starts(robot, pose, posture):
-        q, miss = _solved(robot, pose, start, posture, size)
+        found, miss = _solved(robot, pose, start, posture, size)
         missed = min(missed, miss)
-        if miss < _REACHED_RTOL:
-            q = _turned(q, robot.joint_range, posture)
-            reached.append(q)
-            near = np.linalg.norm(q - posture) < _NEARBY_RAD and _outside(q, low, high).max() <= 0
-            if near and not robot.has_branches:
-                break
+        reached += found
+        near = [q for q in found if np.linalg.norm(q - posture) < _NEARBY_RAD]
+        if not robot.has_branches and any(_outside(q, low, high).max() <= 0 for q in near):
+            break
     if not reached:
         raise InvalidInput(
             f"{key}, metres outside of the robot's reach",
@@ -257,11 +256,11 @@ def _size(robot: Robot) -> float:
 
 def _solved(
     robot: Robot, pose: Array, start: Array, posture: Array, size: float
-) -> tuple[Array, float]:
-    """Return a local minimum of the distance from a pose, and the distance in its worst entry.
+) -> tuple[list[Array], float]:
+    """Return solutions that Newton's method reaches, and how far it misses in the worst entry.
 
-    Where the joints can move while the hand rests, as at a singular wrist, the answer moves towards
-    the posture.
+    None, or one; or two where the joints can move while the hand rests, as at a singular wrist: the
+    second one is as near to the posture as the ranges allow.
     """
     scale = np.array([1.0, 1.0, 1.0, 1 / size])
 
@@ -282,11 +281,43 @@ def _solved(
     q = start
     if np.abs(miss(start)).max() > _REACHED_RTOL:
         q = solved(start)
+    answers = [q]
     free = scipy.linalg.null_space(slope(q), rcond=_SINGULAR_RTOL)
-    moved = q + free @ (free.T @ (posture - q))
-    if np.abs(miss(moved)).max() > _REACHED_RTOL:
-        moved = solved(moved)
-    return moved, float(np.abs(miss(moved)).max())
+    if free.size:
+        moved = _along(q, free, robot.joint_range, posture)
+        if np.abs(miss(moved)).max() > _REACHED_RTOL:
+            moved = solved(moved)
+        answers.append(moved)
+    misses = [float(np.abs(miss(own)).max()) for own in answers]
+    reached = [
+        _turned(own, robot.joint_range, posture)
+        for own, far in zip(answers, misses, strict=True)
+        if far < _REACHED_RTOL
+    ]
+    return reached, min(misses)
+
+
+def _along(q: Array, free: Array, joint_range: Array, posture: Array) -> Array:
+    """Return angles moved in free directions `(joints, directions)`, near to a posture.
+
+    In one direction they stay in the ranges if they can, each moving joint perhaps a turn away.
+    """
+    if free.shape[1] > 1:
+        return np.asarray(q + free @ (free.T @ (posture - q)))
+    way = free[:, 0]
+    (moving,) = np.nonzero(np.abs(way) > _SINGULAR_RTOL)
+    ends = joint_range[moving]
+    turns = [2 * np.pi * turn * own for own in np.eye(len(q))[moving] for turn in (0, -1, 1)]
+    moved = []
+    for own in q + np.array(turns):
+        # low ≤ own + z way ≤ high
+        low, high = np.sort((ends.T - own[moving]) / way[moving], axis=0)
+        lowest, highest = low.max(), high.min()
+        z = np.clip(way @ (posture - own), lowest, max(lowest, highest))
+        there = own + z * way
+        moved.append((lowest > highest, float(np.linalg.norm(there - posture)), there))
+    _, _, best = min(moved, key=lambda own: own[:2])
+    return np.asarray(best)
 
 
 def _turned(q: Array, joint_range: Array, posture: Array) -> Array:
