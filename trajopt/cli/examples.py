@@ -23,7 +23,10 @@ EXAMPLES = {
         "trajopt judge theirs.csv my-robot.toml",
         "trajopt judge theirs.csv my-robot.toml --via-tolerance 0.001",
     ),
-    "race": ("trajopt race six-axis", "trajopt race robots-franka-panda-w4-jerk ruckig-stop"),
+    "race": (
+        "trajopt race six-axis",
+        "trajopt race robots-franka-panda-w4-jerk ruckig-stop --out panda.html",
+    ),
     "prove": (
         "trajopt prove six-axis",
         "trajopt prove six-axis --family spline353",
