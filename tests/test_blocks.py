@@ -31,7 +31,7 @@ PAGES = [ROOT / "README.md", *(page for part in FOLDERS for page in (DOCS / part
 BLOCK = re.compile(r"^(?:<!-- ((?:(?!-->).)*) -->\n)?```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 COMMAND = re.compile(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", re.M)
 NUMBER = re.compile(r"[+-]?\d[\d.]*(?:e[+-]\d+)?")
-# A duration or a gap. Times of computing are shorter; a proved share depends on the machine's speed.
+# A duration or a gap. Times of computing are shorter; a proved share depends on the machine.
 RESULT = re.compile(r"\b\d+\.\d{4,}\b(?!e|\s+%)")
 MONTH = re.compile(r"\b(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)\b")
 LIMITS = "velocity|falling velocity|acceleration|jerk|position|waypoint|continuity"
