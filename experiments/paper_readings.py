@@ -25,7 +25,14 @@ from numpy.typing import NDArray
 
 from experiments.common.output import progress, save_table
 from experiments.paper.choices import READINGS, Reading
-from experiments.paper.kept_searches import ALGORITHMS, NAMES, interval, running_times, stored
+from experiments.paper.kept_searches import (
+    ALGORITHMS,
+    NAMES,
+    budget,
+    interval,
+    running_times,
+    stored,
+)
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.core.arrays import Array
@@ -172,10 +179,7 @@ def main(
     seeds: int = 50, *, quick: bool = False, output: Path = Path("results/paper_readings")
 ) -> None:
     """Search under every reading, and print what comes near the published running times."""
-    iterations = 1000
-    if quick:
-        seeds = 4
-        iterations = 20
+    seeds, iterations = budget(seeds, quick)
     tasks = [(r, a, t) for r in READINGS for a in r.algorithms for t in TIMINGS]
     found: list[dict[str, Any]] = []
     with progress(len(tasks)) as advance:

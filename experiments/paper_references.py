@@ -28,6 +28,7 @@ from scipy.optimize import differential_evolution
 
 from experiments.common.output import progress, save_table
 from experiments.paper.figures import solved
+from experiments.paper.kept_searches import budget
 from experiments.paper.other_swarms import QPSO, WOA
 from trajopt import Problem, Trajectory, verify
 from trajopt.benchmark.suites import catalogue as suite
@@ -116,10 +117,7 @@ def main(
         quick: Four runs of 20 iterations.
         output: The folder.
     """
-    iterations = 1000
-    if quick:
-        seeds = 4
-        iterations = 20
+    seeds, iterations = budget(seeds, quick)
     problem = suite.load("six-axis")
     exact = solved(problem, "exact").duration
     best = solved(problem, "spline353-nlp").duration

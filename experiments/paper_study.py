@@ -38,6 +38,7 @@ from experiments.paper.kept_searches import (
     ALGORITHMS,
     NAMES,
     Found,
+    budget,
     interval,
     percent_below,
     reference,
@@ -201,10 +202,7 @@ def main(
         figures: Draw the paper's Figures 5 to 7 too, into the folder `figures` of the output.
         output: The folder.
     """
-    iterations = 1000
-    if quick:
-        seeds = 4
-        iterations = 20
+    seeds, iterations = budget(seeds, quick)
     problem = suite.load("six-axis")
     robot = suite.robot("six-axis")
     found = searched(output, problem, seeds, iterations)

@@ -30,6 +30,7 @@ from scipy.stats import qmc
 
 from experiments.common.output import progress, save_table
 from experiments.paper.figures import solved
+from experiments.paper.kept_searches import budget
 from trajopt import Problem, Trajectory
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.core import polynomials
@@ -161,11 +162,10 @@ def largest_jump(motion: Trajectory, order: int) -> float:
 
 
 def largest_jerk(motion: Trajectory) -> float:
-    """Return the largest |jerk| of a joint at 201 instants of each piece, rad/s³."""
-    pieces = motion.pieces(3)
-    at = np.linspace(0, 1, 201)[:, None, None]
-    values = np.abs(polynomials.evaluate(pieces[:, None], at))
-    return float(values.max())
+    """Return the largest |jerk| of a joint, rad/s³."""
+    pieces = motion.pieces(3).reshape(motion.pieces(3).shape[0], -1)
+    at = polynomials.critical_points(pieces)
+    return float(np.abs(polynomials.evaluate(pieces[:, None], at)).max())
 
 
 def smooth(motions: Mapping[str, Trajectory], problem: Problem) -> pd.DataFrame:
@@ -196,10 +196,7 @@ def main(
         quick: Four runs of 20 iterations.
         output: The folder.
     """
-    iterations = 1000
-    if quick:
-        seeds = 4
-        iterations = 20
+    seeds, iterations = budget(seeds, quick)
     problem = suite.load("six-axis")
     runs = {}
     with progress(len(SEARCHES), "searches") as advance:

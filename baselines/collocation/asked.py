@@ -1,8 +1,8 @@
-"""What the limits of a problem ask on a grid, by their rows: no kind of limit is named.
+"""The rows of a problem's limits, as boxes and constraints on a grid. No kind of limit is named.
 
-A row that bounds a derivative of one joint as it is becomes a box. All others are curved: they
-become constraints on Bernstein coefficients, or at instants of every interval where a row is no
-polynomial.
+A row may bound one derivative of one joint. Then it becomes a box: bounds of a variable. All other
+rows become constraints ("curved" rows). A polynomial row is imposed on its Bernstein coefficients,
+so it holds at every instant. Any other row is imposed at five instants of each interval.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 class Curved(NamedTuple):
-    """The rows of a limit that are no boxes.
+    """The rows of one limit that become constraints.
 
     Attributes:
         limit: the limit, in SI units.
-        rows: their places among all its rows.
-        vary: whether the bounds of each differ from segment to segment.
-        low, high: their bounds, infinite where a row is not imposed, `(rows, intervals)`.
+        rows: indices of these rows among all rows of the limit.
+        vary: of each row, whether its bounds differ from segment to segment.
+        low, high: bounds of the rows, infinite where a row is not imposed, `(rows, intervals)`.
     """
 
     limit: Limit
@@ -85,7 +85,7 @@ def of(problem: Problem, intervals: int) -> Asked:
                 order, joint = places[id(row.value)]
                 _tighten(boxes[order, ..., joint], row, True)
                 continue
-            if np.ndim(row.value) == 0:  # of joints that rest: nothing to choose
+            if np.ndim(row.value) == 0:  # a constant: its joints are at rest
                 continue
             imposed = np.ones(len(segments), dtype=bool)
             if row.leaving is not None:
@@ -139,14 +139,13 @@ def _tighten(box: Array, row: Row, where: Bools | bool) -> None:
 
 
 class Curves:
-    """Constraints of the rows that are no boxes; equal ones have the same expressions.
+    """Constraints of the curved rows. Two that are equal have the same expressions.
 
     Attributes:
         together: whether all joints have the same lengths of intervals, since one row may depend
             on several of them.
-        sampled: whether a row is imposed at instants only, after `constraints`.
-        jumps: whether a row changes from interval to interval, after `constraints`: while it is
-            imposed at all instants of an interval, its acceleration is constant there.
+        sampled: whether a row is imposed at instants only. Known after `constraints`.
+        jumps: whether a row's value jumps between intervals. Known after `constraints`.
     """
 
     sampled = False
@@ -216,8 +215,8 @@ class Curves:
 
         Args:
             curved: of a grid with equal `Curves`.
-            fixed: which of a program's constraints, of which these are the last, are fixed. On
-                these nothing is imposed.
+            fixed: of all constraints of a program, which ones no variable changes; the constraints
+                of the rows are the last of them. Nothing is imposed on fixed ones.
         """
         found = []
         end = 0

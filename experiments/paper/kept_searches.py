@@ -21,6 +21,11 @@ NAMES = {"pso": "PSO", "ssa": "SSA", "issa": "ISSA"}
 TOGETHER = -1  # instead of a joint's number: all joints at once
 
 
+def budget(seeds: int, quick: bool) -> tuple[int, int]:
+    """Return runs of each search, and iterations of a run: the paper's, or few if `quick`."""
+    return (4, 20) if quick else (seeds, 1000)
+
+
 def reference(name: str) -> pd.DataFrame:
     """A published table, `data/reference/*.csv`."""
     folder = built_in.data_folder() / "reference"

@@ -181,6 +181,7 @@ def test_kinds_of_others_come_after_ours_whoever_is_imported_first(package):
         ("nowhere.py:X", InvalidInput, "a Python file that exists"),
         ("", InvalidInput, "FILE.py:NAME"),
         ("own.py:Other", UnknownName, "known: ToolSpeed"),
+        ("empty.py:X", UnknownName, "known: none"),
         ("own.py:np", InvalidInput, "a subclass of Limit"),
         ("broken.py:X", TrajoptError, "SyntaxError"),
         ("json.py:X", InvalidInput, "a file of another name"),
@@ -190,6 +191,7 @@ def test_a_file_that_is_wrong_gets_a_line(package, tmp_path, monkeypatch, spec, 
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(MODULE)
     Path("broken.py").write_text("def")
+    Path("empty.py").write_text("")
     Path("json.py").write_text(MODULE)
     with pytest.raises(kind) as error:
         in_file(spec)

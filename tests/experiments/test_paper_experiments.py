@@ -292,6 +292,14 @@ def test_jumps_and_largest_jerk_in_closed_form():
     assert paper_words.largest_jump(motion, 2) == pytest.approx(0)
 
 
+def test_the_largest_jerk_is_between_the_ends_of_a_piece():
+    """Position s⁵/60 − s⁶/120 over 1 s: jerk s² − s³, largest at s = 2/3."""
+    piece = np.array([-1 / 120, 1 / 60, 0, 0, 0, 0, 0])[:, None, None]
+    assert paper_words.largest_jerk(Trajectory([0.0, 1.0], piece, [0.0, 1.0])) == pytest.approx(
+        4 / 27, rel=1e-12
+    )
+
+
 def test_the_spread_of_a_first_population_is_that_of_the_uniform_distribution(problem):
     runs = paper_words.watched("PSO", problem, seeds=6, iterations=3)
     assert runs.first.shape == (6, 30, 3)

@@ -121,7 +121,7 @@ class UnknownName(TrajoptError, LookupError):
         self.kind = kind
         self.name = name
         self.known = sorted(known)
-        hint = f"known: {', '.join(self.known)}"
+        hint = f"known: {', '.join(self.known) or 'none'}"
         close = nearest(name, self.known)
         within = [own for own in self.known if name.lower() in own.lower()]
         if not close and len(within) == 1:

@@ -52,7 +52,7 @@ _MAX_PASSAGES = 3  # samples that are tried as the passage of a waypoint
 
 @dataclass(frozen=True)
 class Told:
-    """Use of one kind of limit, as a share of it, for the joint that uses most.
+    """How much of one kind of limit a log uses: the largest share of all joints.
 
     Attributes:
         at_least: Every motion within the half widths uses at least this share.

@@ -101,6 +101,16 @@ def test_names_are_text(runners):
     assert "<img" not in re.sub(r"<script.*?</script>", "", html, flags=re.S)
 
 
+def test_a_name_that_looks_like_a_place_of_the_template_stays(runners):
+    named = [own._replace(name="{{ script }}") for own in runners]
+    text = race.fragment(PAPER, named)
+    assert text.count("{{ script }}</b>") == len(named)
+
+
+def test_the_folder_of_the_page_is_made(runners, tmp_path):
+    assert race.write(PAPER, runners, tmp_path / "new" / "folder" / "race.html").stat().st_size
+
+
 def test_what_durations_are_compared_with(runners):
     assert course.goal(PAPER, runners).name == "the optimum"
     other = Problem([[0.0], [1.0]], Limits([1.0], [1.0]), "mine")

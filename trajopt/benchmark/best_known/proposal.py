@@ -63,7 +63,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """What the candidates for one problem change in its record.
+    """A problem's record before and after the candidates for it are taken.
 
     Attributes:
         problem: The candidates' problem.

@@ -1,8 +1,8 @@
-"""What is said before any median: who did not run everywhere, who failed, who is slowed down.
+"""Sentences above the medians: which planners did not run everywhere, failed, or are slowed down.
 
     sentences(results)     # "Failed: exact (15 of 42 runs), toppra (9 of 42 runs)."
 
-Every planner is named by what it did: references and proofs as all others.
+References and proofs are named too, as every planner.
 """
 
 from __future__ import annotations

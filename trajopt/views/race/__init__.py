@@ -9,7 +9,8 @@ frames are known; discs for its waypoints; and a bar for the use of each limit o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
@@ -29,13 +30,17 @@ _EQUAL_RTOL = 5e-5  # above the goal by less is not said
 def write(
     problem: Problem, motions: Sequence[ShownMotion], path: Path, *, notes: Sequence[str] = ()
 ) -> Path:
-    """Write the page; arguments as of `fragment`.
+    """Write the page, and the folder that it is in; arguments as of `fragment`.
 
     Raises:
         OSError: The file cannot be written.
     """
-    page = _web("page.html").replace("{{ race }}", fragment(problem, motions, notes=notes, level=1))
-    path.write_text(page.replace("{{ title }}", escape(_title(problem))), encoding="utf-8")
+    parts = {
+        "race": fragment(problem, motions, notes=notes, level=1),
+        "title": escape(_title(problem)),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(_filled("page.html", parts), encoding="utf-8")
     return path
 
 
@@ -66,20 +71,22 @@ def fragment(
         _lane(problem, motion, goal, course.colour(motion, motions)) for motion in motions
     )
     parts = {
-        "{{ h }}": f"h{level}",
-        "{{ title }}": escape(_title(problem)),
-        "{{ lead }}": escape(_lead(goal)),
-        "{{ wide }}": " wide" if len(problem.limits.kinds) > _NARROW_KINDS else "",
-        "{{ lanes }}": lanes,
-        "{{ notes }}": "".join(f"<p>{escape(note)}</p>" for note in notes),
-        "{{ style }}": _web("race.css"),
-        "{{ data }}": packed_json(course.data(problem, motions, goal)),
-        "{{ script }}": _web("race.js").replace("{{ yours }}", _web("yours.js")),
+        "h": f"h{level}",
+        "title": escape(_title(problem)),
+        "lead": escape(_lead(goal)),
+        "wide": " wide" if len(problem.limits.kinds) > _NARROW_KINDS else "",
+        "lanes": lanes,
+        "notes": "".join(f"<p>{escape(note)}</p>" for note in notes),
+        "style": _web("race.css"),
+        "data": packed_json(course.data(problem, motions, goal)),
+        "script": _web("race.js").replace("{{ yours }}", _web("yours.js")),
     }
-    text = _web("race.html")
-    for key, value in parts.items():
-        text = text.replace(key, value)
-    return text
+    return _filled("race.html", parts)
+
+
+def _filled(name: str, parts: Mapping[str, str]) -> str:
+    """Return a template with its places filled; a text that looks like a place stays as it is."""
+    return re.sub(r"\{\{ (\w+) \}\}", lambda place: parts[place[1]], _web(name))
 
 
 def _title(problem: Problem) -> str:

@@ -14,6 +14,7 @@ from trajopt.core.chain import LinkChain
 from trajopt.core.demand import DEMANDS
 from trajopt.core.limits import Limit
 from trajopt.core.limits.joint_limit import JointLimit
+from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import share_at_limits
@@ -51,8 +52,8 @@ def goal(problem: Problem, motions: Sequence[ShownMotion]) -> Goal:
     """Return the best known motion's duration where one is recorded, else the shortest of these."""
     record = records.find(problem)
     if record is not None and record.closed:
-        bound = np.floor(1e4 * record.lower_bound) / 1e4
-        said = f"No motion takes less than {bound:.4f} s: that is proved."
+        bound = rounded_down(record.lower_bound, ".4f")
+        said = f"No motion takes less than {bound} s: that is proved."
         return Goal(record.duration, "the optimum", said)
     if record is not None:
         said = f"The best known motion takes {record.duration:.4f} s; nobody proved it to be best."
@@ -94,7 +95,8 @@ def colour(motion: ShownMotion, motions: Sequence[ShownMotion]) -> str:
 def data(problem: Problem, motions: Sequence[ShownMotion], goal: Goal) -> dict[str, Any]:
     """Return what the script needs, ready for JSON; joints count from 0.
 
-    Times, positions and uses are differences of whole numbers, of which most are small.
+    Times, positions and uses are written as differences of neighbours, in whole steps: that is
+    short, since most differences are small.
     """
     chain = catalogue.chain(problem)
     limits = list(_shown(problem, motions[0].trajectory))
@@ -131,7 +133,8 @@ def _shown(problem: Problem, motion: Trajectory) -> Iterator[tuple[Limit, list[i
 def _checked(problem: Problem, limits: Sequence[Limit]) -> dict[str, Any]:
     """Return what a page needs to check somebody's motion, and what it cannot check.
 
-    It checks intervals for derivatives, the same all the way, and continuity; from rest to rest.
+    The page checks limits of single joints that are the same in all segments, continuity, and rest
+    at both ends.
     """
     simple: list[dict[str, Any]] = []
     known = set()
@@ -177,10 +180,10 @@ def _run(motion: ShownMotion, limits: Sequence[tuple[Limit, list[int | None]]]) 
 
 
 def sample_times(motion: Trajectory, limits: Sequence[Limit]) -> Array:
-    """Return times, s, between which positions and uses are as good as linear.
+    """Return times, s, between which a page may draw positions and uses as straight lines.
 
-    Among them are both sides of each break, at which a use may jump, waypoints, and the worst use
-    of each limit.
+    They are evenly spaced. Both sides of each break are added, since a use may jump there, and the
+    waypoints, and the time of each limit's worst use.
     """
     edges = motion.waypoint_times
     if len(motion.breaks) <= MAX_BREAKS:
