@@ -107,6 +107,15 @@ def test_a_name_that_looks_like_a_place_of_the_template_stays(runners):
     assert text.count("{{ script }}</b>") == len(named)
 
 
+def test_a_motion_that_was_slowed_down_says_so():
+    """1 rad at 1 rad/s² takes 2 s; claimed in 1 s it is slowed down 2 times."""
+    line = Problem([[0.0], [1.0]], Limits([10.0], [1.0]))
+    (optimum,) = motions(line, "exact")
+    slowed = optimum._replace(name="mine", slowed=2.0)
+    text = race.fragment(line, [optimum, slowed])
+    assert text.count("Slowed down 2 times: as planned it breaks a limit.") == 1
+
+
 def test_the_folder_of_the_page_is_made(runners, tmp_path):
     assert race.write(PAPER, runners, tmp_path / "new" / "folder" / "race.html").stat().st_size
 

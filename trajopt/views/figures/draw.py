@@ -331,7 +331,12 @@ def shown_motions(trials: Sequence[Trial], *, every: bool = False) -> list[Shown
     optimum, name = _optimum(trials)
     chosen = sorted(medians, key=_duration) if every else _telling(medians)
     shown = [
-        ShownMotion(trial.label, SPOKEN.get(trial.label, trial.label), trial.certified_trajectory)
+        ShownMotion(
+            trial.label,
+            SPOKEN.get(trial.label, trial.label),
+            trial.certified_trajectory,
+            max(1.0, trial.dilation or 1.0),
+        )
         for trial in chosen
         if trial.certified_trajectory is not None and trial.planner not in REFERENCES
     ]

@@ -14,8 +14,10 @@ class ShownMotion(NamedTuple):
         planner: Whose look it has.
         name: As it is labelled.
         trajectory: Within the limits.
+        slowed: The factor on time that brought it within them; 1 if it kept them as claimed.
     """
 
     planner: str
     name: str
     trajectory: Trajectory
+    slowed: float = 1.0

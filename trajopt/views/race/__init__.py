@@ -111,7 +111,7 @@ def _lane(problem: Problem, motion: ShownMotion, goal: Goal, colour: str) -> str
         f'<figure class="race-lane" style="--own:{colour}">'
         f"<figcaption><b>{escape(motion.name)}</b><span>{duration:.2f} s{gap}</span></figcaption>"
         f'<div class="race-arm" aria-hidden="true"></div>'
-        f'<p class="race-status"></p><p>{escape(course.why(problem, motion.trajectory))}</p>'
+        f'<p class="race-status"></p><p>{escape(course.why(problem, motion))}</p>'
         f'<ol aria-label="{escape(motion.name)} passes the waypoints at, s">{times}</ol>'
         f'<div class="race-bars" aria-hidden="true"></div></figure>'
     )

@@ -18,6 +18,7 @@ from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import share_at_limits
+from trajopt.views import table_cells
 from trajopt.views.figures.shown_motion import ShownMotion
 from trajopt.views.figures.style import BLACK, CURVES, places
 
@@ -71,13 +72,19 @@ def most_used(problem: Problem, motion: Trajectory) -> float:
     return max(own.worst(motion).value for own in kinds if own.is_ratio)
 
 
-def why(problem: Problem, motion: Trajectory) -> str:
-    """Say how long a motion is at a limit, and where it stops; or that it breaks one."""
+def why(problem: Problem, shown: ShownMotion) -> str:
+    """Say how long a motion is at a limit, whether it was slowed down, and where it stops.
+
+    Of a motion that breaks a limit only that is said.
+    """
+    motion = shown.trajectory
     most = most_used(problem, motion)
     if most > _BROKEN:
         return f"It breaks a limit: it uses {100 * most:.0f}\N{NO-BREAK SPACE}% of it."
     share = 100 * share_at_limits(problem, motion)
     used = f"A joint is at a limit {share:.0f}\N{NO-BREAK SPACE}% of the time."
+    if table_cells.dilation(shown.slowed) != table_cells.MISSING:
+        used = f"Slowed down {shown.slowed:.3g} times: as planned it breaks a limit. {used}"
     inner = motion.waypoint_times[1:-1]
     fastest = problem.limits.in_all_segments(tightest=False).velocity.max(axis=1)
     stops = int((np.abs(motion(inner, 1)) < _RESTING * fastest).all(axis=1).sum())
