@@ -39,6 +39,7 @@ _ONE_PATH = {
     "gridpoints": 100,
     "points": 5,
     "algorithm": "closed-form",
+    "tries": 1,
 }
 INSTALLED = [name for name, entry in entries().items() if entry.missing() is None]
 

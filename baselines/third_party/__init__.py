@@ -8,6 +8,8 @@ Each package is an extra (`pip install "mintime[rivals]"` for all). These planne
 and are judged as every other planner is.
 
 - `totg.py`: the fastest timing of a path;
+- `totg_ruckig.py`: that timing, smoothed until it keeps jerk limits;
+- `iterative_spline.py`: a spline whose intervals are stretched until it keeps the limits;
 - `copp.py`: the fastest timing of a path under jerk limits too;
 - `drake_kto.py`: the fastest B-spline;
 - `drake_gcs.py`: the fastest Bézier curves through boxes;

@@ -12,7 +12,7 @@ constant path acceleration from middle to middle.
 
 Choices and their sources (repositories moveit/moveit2 and tesseract-robotics/tesseract_planning):
 
-- a circle may leave its corner by 0.1 rad: `DEFAULT_PATH_TOLERANCE`, the default of both;
+- a circle may leave its corner by 0.1 rad: `DEFAULT_PATHTOLERANCE`, the default of both;
 - the first path: evenly spaced knots, our choice, since MoveIt's paths come from a planner;
 - 20 points in every segment: our choice; more points change 0.3 % and take ten times as long;
 - points are never left out (`min_angle_change`): our choice, since all points differ;
@@ -27,12 +27,13 @@ Choices and their sources (repositories moveit/moveit2 and tesseract-robotics/te
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baselines.third_party import Rival, splines_after
-from baselines.topp_ra import Ends, Knots, PathGrid, cut, spline, timed, unit_path
+from baselines.third_party.tesseract import LANGUAGE, TIMING, limits, points, program, states
+from baselines.topp_ra import Ends, Knots, PathGrid, timed
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import Problem
@@ -41,12 +42,10 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.library_time import inside_library
 from trajopt.planners.planner import backend
 
-# Jerk limit that the package requires and does not use, rad/s³.
-_JERK = 1000.0
 # Distance of a circle from its corner, rad.
-_TOLERANCE = 0.1
+TOLERANCE = 0.1
 # Distance below which the package leaves points out, rad.
-_SAME_POINT = 1e-9
+SAME_POINT = 1e-9
 _POINTS_PER_SEGMENT = 20
 # Corrections of the corners; each reduces the error to a quarter.
 _CORRECTIONS = 25
@@ -61,10 +60,7 @@ class Totg(Rival):
     - `tries`: number of splines. 1: evenly spaced knots, not-a-knot.
     """
 
-    requires = (
-        "tesseract_robotics.tesseract_command_language",
-        "tesseract_robotics.tesseract_time_parameterization",
-    )
+    requires = (LANGUAGE, TIMING)
     extra = "totg"
     settings = splines_after(("uniform", "not-a-knot"))
 
@@ -75,27 +71,20 @@ class Totg(Rival):
 
     def tried(self, problem: Problem, knots: Knots, ends: Ends) -> Solution:
         language, timing = [backend(name, self.extra) for name in self.requires]
-        count = _POINTS_PER_SEGMENT * problem.segments
-        path = unit_path(spline(problem, knots, ends), count)
-        at = cut(path).at
-        wanted = path(at)
-        waypoints = np.abs(at[:, None] - path.waypoint_times).argmin(axis=0)
+        wanted, waypoints = points(problem, knots, ends, _POINTS_PER_SEGMENT)
         corners = wanted
         for _ in range(_CORRECTIONS):
             corners = wanted - _rounded(corners).offset
-        program = _program(corners, language)
-        container = timing.InstructionsTrajectory(program)
-        generation = timing.TimeOptimalTrajectoryGeneration(_TOLERANCE, _SAME_POINT)
-        jerk = np.full((problem.joints, 2), [-_JERK, _JERK])
-        velocity = _narrowed(problem.limits.velocity)
-        acceleration = _narrowed(problem.limits.acceleration)
+        moves = program(corners, language)
+        container = timing.InstructionsTrajectory(moves)
+        generation = timing.TimeOptimalTrajectoryGeneration(TOLERANCE, SAME_POINT)
         with inside_library():
-            found = generation.compute(container, velocity, acceleration, jerk)
-        if not found:
+            solved = generation.compute(container, *limits(problem))
+        if not solved:
             return Solution(Status.FAILED, message="TOTG found no timing")
-        own_duration, velocities = _states(program, language)
-        motion = _motion(wanted, _rounded(corners), velocities, waypoints)
-        return Solution(Status.SOLVED, motion, stats={"own duration": own_duration})
+        timing_of = states(moves, language)
+        motion = _motion(wanted, _rounded(corners), timing_of.velocities, waypoints)
+        return Solution(Status.SOLVED, motion, stats={"own duration": timing_of.times[-1]})
 
 
 class _Circles(NamedTuple):
@@ -128,7 +117,7 @@ def _rounded(corners: Array) -> _Circles:
     angle = 2 * np.arcsin(size / 2)
     # from a corner to where its circle begins
     shorter = np.minimum(lengths[:-1], lengths[1:]) / 2
-    distance = np.minimum(shorter, _TOLERANCE / np.tan(angle / 4))
+    distance = np.minimum(shorter, TOLERANCE / np.tan(angle / 4))
     towards = turn / size[:, None]
     offset = towards * (distance * np.tan(angle / 4))[:, None]
     curvature = towards * (np.tan(angle / 2) / distance)[:, None]
@@ -164,34 +153,3 @@ def _motion(
     speeds = projected / (circles.tangent**2).sum(axis=1)
     speeds[[0, -1]] = 0  # but for rounding
     return timed(PathGrid(at, steps, local), speeds, at[waypoints])
-
-
-def _narrowed(bounds: Array) -> Array:
-    """Return symmetric limits at the tighter side: TOTG supports no others."""
-    tighter = np.abs(bounds).min(axis=1)
-    return np.stack([-tighter, tighter], axis=1)
-
-
-def _program(positions: Array, language: Any) -> Any:
-    """Return Tesseract's program of one move per point."""
-    names = [f"joint{joint}" for joint in range(positions.shape[1])]
-    program = language.CompositeInstruction()
-    for position in positions:
-        state = language.StateWaypoint(names, position)
-        waypoint = language.StateWaypointPoly_wrap_StateWaypoint(state)
-        move = language.MoveInstruction(waypoint, language.MoveInstructionType_FREESPACE)
-        program.appendMoveInstruction(language.MoveInstructionPoly_wrap_MoveInstruction(move))
-    return program
-
-
-def _states(program: Any, language: Any) -> tuple[float, Array]:
-    """Return when the last point is passed, s, and all velocities, `(points, joints)`."""
-    velocities = []
-    for i in range(len(program)):
-        # each view needs the one before, which Tesseract's views do not keep alive
-        instruction = program[i]
-        move = language.InstructionPoly_as_MoveInstructionPoly(instruction)
-        waypoint = move.getWaypoint()
-        state = language.WaypointPoly_as_StateWaypointPoly(waypoint)
-        velocities.append(np.array(state.getVelocity()).ravel())
-    return state.getTime(), np.array(velocities)

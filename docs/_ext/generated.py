@@ -444,7 +444,9 @@ WHOSE = {
     "mealpy": "the authors of mealpy, and of each optimiser in it",
     "pymoo": "the authors of pymoo, and of each optimiser in it",
     "nevergrad": "the authors of nevergrad, and of each optimiser in it",
+    "iterative-spline": "K. Anderson (2017), in Tesseract",
     "totg": "T. Kunz and M. Stilman (2012), in Tesseract",
+    "totg-ruckig": "the authors of MoveIt, around TOTG and Ruckig, in Tesseract",
 }
 
 

@@ -10,10 +10,13 @@ import pytest
 from baselines.third_party import TRIES, Rival
 from baselines.third_party.copp import Copp
 from baselines.third_party.drake_kto import DrakeKto
+from baselines.third_party.iterative_spline import IterativeSpline
 from baselines.third_party.minsnap import MinSnap, optimised, spline
+from baselines.third_party.totg_ruckig import TotgRuckig
 from baselines.topp_ra import ToppRa
 from trajopt import Limits, Problem, Solution, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
+from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidInput
 from trajopt.planners.planner import Planner, backend
 from trajopt.planners.registry import entries
@@ -165,3 +168,29 @@ def test_totg_runs_its_own_motion_through_the_waypoints() -> None:
     np.testing.assert_allclose(motion(motion.waypoint_times), problem.waypoints, atol=1e-12)
     assert motion.duration == pytest.approx(solution.stats["own duration"], rel=1e-2)
     assert verify(problem, motion).dilation < 1.1
+
+
+def test_the_iterative_spline_without_added_points_is_a_cubic_within_its_limits() -> None:
+    """Its own clamped spline: acceleration is continuous, and the executed quintics are cubics."""
+    installed("iterative-spline")
+    problem = load("six-axis")
+    motion = IterativeSpline().tried(problem, "no points added", "limit", "natural").trajectory
+    assert motion is not None
+    certificate = verify(problem, motion)
+    assert certificate.valid
+    assert certificate.dilation < 1.005  # checked at its points, which its cubics join
+    fourth = polynomials.derivative(motion.coefficients, 4)
+    assert np.abs(fourth).max() < 1e-3  # rad/s⁴; jerks are of 10 rad/s³, pieces of 0.04 s
+    np.testing.assert_allclose(motion(motion.waypoint_times), problem.waypoints, atol=1e-12)
+
+
+def test_moveits_chain_is_longer_the_more_points_it_gets() -> None:
+    """Its smoothing keeps one mean interval: between 20 points in a segment Ruckig needs more."""
+    installed("totg-ruckig")
+    problem = load("six-axis")
+    chain = [
+        TotgRuckig().tried(problem, count, "uniform", "not-a-knot").trajectory
+        for count in (2, 5, 20)
+    ]
+    few, more, many = [motion.duration for motion in chain if motion is not None]
+    assert few < more < many

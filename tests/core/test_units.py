@@ -28,7 +28,10 @@ NOT_WITH_JERK = {
     "drake-kto": "SNOPT finds a spline or none",
     "gcs": "SNOPT finds curves or none",
 }
-NOT_AT_ALL = {"totg": "it rounds the path's corners by a tolerance that is an option, in radians"}
+NOT_AT_ALL = dict.fromkeys(
+    ("totg", "totg-ruckig"),
+    "it rounds the path's corners by a tolerance that is an option, in radians",
+)
 QUICK = {
     "iterations": 20,
     "gridpoints": 100,

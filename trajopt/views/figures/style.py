@@ -33,8 +33,8 @@ KNOWN = (
     *("exact", "issa", "toppra", "ruckig-stop", "spline353-nlp", "", "collocation"),
     *("exact-jerk", "pso", "copp", "ruckig-search", "spline", "", "drake-kto"),
     *("collocation-refined", "ssa", "totg", "", "unoptimised", "", "gcs"),
-    *("prove", "cmaes", "", "", "minsnap", "", ""),
-    *("best-known", "de", "", "", "smooth", "", ""),
+    *("prove", "cmaes", "totg-ruckig", "", "minsnap", "", ""),
+    *("best-known", "de", "iterative-spline", "", "smooth", "", ""),
 )
 _OWN_FIRST = CURVES.index(BLACK)
 
