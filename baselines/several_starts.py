@@ -51,21 +51,26 @@ def optima_together(
     results = [*begun]
     remaining = iter(starts)
     while True:
-        durations = np.array([result.duration for result in results])
-        shortest = durations.min(initial=np.inf)
-        as_short = durations <= shortest * (1 + rtol)
-        agreed = 0
-        if shortest < np.inf:
-            agreed = int(as_short.sum())
-        missing = agreeing - agreed
-        untried = count - len(results)
-        if agreed > 0 and min(missing, untried) <= 0:
+        wanted = still_wanted(results, count, agreeing, rtol)
+        if wanted <= 0:
             return results
-        wanted = min(missing, max(untried, 1))
         batch = list(islice(remaining, wanted))
         if not batch:
             return results
         results += solve(batch)
+
+
+def still_wanted(
+    results: Sequence[Timed], count: int, agreeing: int, rtol: float = AGREEMENT_RTOL
+) -> int:
+    """Return how many more initial guesses are to be tried; see `optima_together`."""
+    durations = np.array([result.duration for result in results])
+    shortest = durations.min(initial=np.inf)
+    agreed = 0
+    if shortest < np.inf:
+        agreed = int((durations <= shortest * (1 + rtol)).sum())
+    untried = count - len(results)
+    return min(agreeing - agreed, untried if agreed > 0 else max(untried, 1))
 
 
 def no_start_succeeded(statuses: Iterable[str]) -> str:

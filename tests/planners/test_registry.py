@@ -93,6 +93,31 @@ def test_what_a_planner_refuses_it_does_not_solve_when_called_directly_either():
     assert Picky.solve.__name__ == "solve"
 
 
+@dataclass(frozen=True)
+class Together(Picky):
+    """Solves many problems together, and says how many."""
+
+    def solve_many(self, problems, seeds=None):
+        assert all(len(problem.waypoints) != 3 for problem in problems)
+        return [Solution(Status.FAILED, message=f"{own} of {len(seeds)}") for own in seeds]
+
+
+def test_many_problems_are_answered_in_their_order_the_refused_ones_too():
+    three = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [1.0]))
+    two = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
+    one_by_one = Picky().solve_many([two, three, two], [5, 6, 7])
+    assert [s.message for s in one_by_one] == ["seed 5", "three waypoints", "seed 7"]
+    together = Together().solve_many([two, three, two], [5, 6, 7])
+    assert [s.message for s in together] == ["5 of 2", "three waypoints", "7 of 2"]
+    assert [s.message for s in Together().solve_many([two, two])] == ["0 of 2"] * 2
+    assert Together().solve_many([three])[0].status is Status.UNSUPPORTED
+    assert Together().solve_many([]) == []
+    assert Together().takes_many
+    assert not Picky().takes_many
+    with pytest.raises(ValueError, match="shorter"):
+        Picky().solve_many([two, two], [1])
+
+
 def test_every_planner_of_ours_says_what_it_refuses_instead_of_failing_in_numpy():
     two = Problem([[0.0, 0.0], [1.0, 0.5]], Limits([1.0, 1.0], [1.0, 1.0], [9.0, 9.0]))
     for name, entry in entries().items():

@@ -310,6 +310,12 @@ class FailingBatch(Quintic):
 
 
 @dataclass(frozen=True)
+class OtherMany(Quintic):
+    def solve_many(self, problems, seeds=None):
+        return [Quintic(2.0).solve(problem) for problem in problems]
+
+
+@dataclass(frozen=True)
 class Remembering(Quintic):
     """Keeps what was certified, and claims half of that."""
 
@@ -346,6 +352,7 @@ BROKEN = [
     (ShortBatch(), "on 'one joint': solve_batch returns another number of solutions"),
     (OtherBatch(), "on 'one joint': solve_batch differs from solve"),
     (FailingBatch(), "on 'one joint': solve_batch differs from solve"),
+    (OtherMany(), "on 'one joint': solve_many differs from solve"),
 ]
 
 

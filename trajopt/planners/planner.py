@@ -106,6 +106,29 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
     return checked
 
 
+def _sorting(solve_many: Callable[..., list[Solution]]) -> Callable[..., list[Solution]]:
+    """Wrap `solve_many` so that it gets only problems that `solve` would get as they are.
+
+    All others, refused ones too, are answered by `solve`. A planner need not handle `None`.
+    """
+
+    @wraps(solve_many)
+    def checked(
+        self: Planner, problems: Sequence[Problem], seeds: Sequence[int] | None = None
+    ) -> list[Solution]:
+        seeds = [0] * len(problems) if seeds is None else seeds
+        pairs = list(zip(problems, seeds, strict=True))
+        whole = [self._takes_whole(check_problem(problem)) for problem in problems]
+        some = [pair for pair, own in zip(pairs, whole, strict=True) if own]
+        answers = iter(solve_many(self, *map(list, zip(*some, strict=True))) if some else ())
+        return [
+            next(answers) if own else self.solve(problem, seed=seed)
+            for (problem, seed), own in zip(pairs, whole, strict=True)
+        ]
+
+    return checked
+
+
 def _timed(solve: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap `solve` or `solve_batch` to state the time inside the calls of a library.
 
@@ -207,6 +230,8 @@ class Planner(ABC):
         for name in ("solve", "solve_batch"):
             if name in vars(cls):
                 setattr(cls, name, _timed(_refusing(vars(cls)[name])))
+        if "solve_many" in vars(cls):
+            cls.solve_many = _timed(_sorting(vars(cls)["solve_many"]))  # type: ignore[method-assign]
         own = vars(cls).get("unsupported")
         if isinstance(own, staticmethod):
             cls.unsupported = _knowing(lambda _, problem: own(problem))  # type: ignore[method-assign]
@@ -218,13 +243,39 @@ class Planner(ABC):
         """Return the answer; the same for the same seed. The verifier judges what it returns."""
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        """Return one answer per seed, each equal to that of `solve`; by default one by one."""
+        """Return one answer per seed, each equal to that of `solve`; by default one by one.
+
+        It is the case of one problem of `solve_many`: a planner that advances many seeds together
+        overrides this one, a planner that advances many problems together the other one.
+        """
         return [self.solve(problem, seed=seed) for seed in seeds]
+
+    def solve_many(
+        self, problems: Sequence[Problem], seeds: Sequence[int] | None = None
+    ) -> list[Solution]:
+        """Return one answer per problem, as `solve` does; by default one by one.
+
+        Durations equal those of `solve` to 1e-12, relative: sums of many are rounded in another
+        order.
+
+        Args:
+            problems: In any order, of any size.
+            seeds: One for each problem; by default 0 for all.
+        """
+        seeds = [0] * len(problems) if seeds is None else seeds
+        return [
+            self.solve(problem, seed=seed) for problem, seed in zip(problems, seeds, strict=True)
+        ]
 
     @property
     def batched(self) -> bool:
         """True if it advances several seeds together."""
         return type(self).solve_batch is not Planner.solve_batch
+
+    @property
+    def takes_many(self) -> bool:
+        """True if it advances several problems together."""
+        return type(self).solve_many is not Planner.solve_many
 
     @property
     def may_be_stochastic(self) -> bool:
@@ -279,6 +330,15 @@ class Planner(ABC):
         """Return the demands of the problem that it does not plan for, by their keys."""
         keys = [key for key in problem.demands if key not in self.knows]
         return [key for key in keys if not DEMANDS[key].splits and not DEMANDS[key].whole]
+
+    def _takes_whole(self, problem: Problem) -> bool:
+        """Return whether its `solve` gets a problem as it is, and refuses nothing."""
+        if self._without_whole(problem) is not problem or self.splits(problem):
+            return False
+        if self.unsupported(problem) is not None or self._infeasible(problem) is not None:
+            return False
+        shown, said = self._shown(problem)
+        return shown is problem and not said
 
     def _without_whole(self, problem: Problem) -> Problem:
         """Return the problem without what is asked of the whole motion, if it plans without it."""

@@ -25,6 +25,7 @@ from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible, raised
 
 _SEEDS = (0, 7)
+_ROUNDING_RTOL = 1e-12  # of a duration, where sums are rounded in another order
 _BEATEN_RTOL = 1e-6  # relative to the optimum: more than rounding
 
 
@@ -134,6 +135,11 @@ def _check_on(planner: Planner, problem: Problem) -> str:
         complete = len(together) == len(solutions)
         _require(complete, "solve_batch returns another number of solutions")
         _require(all(map(_equal, solutions, together)), "solve_batch differs from solve")
+    if planner.takes_many:
+        many = planner.solve_many([problem] * len(_SEEDS), list(_SEEDS))
+        complete = len(many) == len(solutions)
+        _require(complete, "solve_many returns another number of solutions")
+        _require(all(map(_same_answer, solutions, many)), "solve_many differs from solve")
     if unknown:
         return f"{verdict} (it does not know {' and '.join(unknown)} limits)"
     return verdict
@@ -186,6 +192,15 @@ def _equal(one: Solution, other: Solution) -> bool:
         return one.status is other.status and a is b
     parts = [part.name for part in fields(a)]
     return all(np.array_equal(getattr(a, part), getattr(b, part)) for part in parts)
+
+
+def _same_answer(one: Solution, other: Solution) -> bool:
+    """Return whether status and duration are the same, the duration up to rounding."""
+    a = one.trajectory
+    b = other.trajectory
+    if one.status is not other.status or a is None or b is None:
+        return one.status is other.status and a is b
+    return abs(a.duration - b.duration) <= _ROUNDING_RTOL * a.duration
 
 
 def _require(condition: bool, breach: str) -> None:

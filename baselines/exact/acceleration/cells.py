@@ -12,14 +12,15 @@ the axes of length two come first: `(2 ends, 2 sides, starts, segments, joints)`
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from baselines.exact.method.chain import at_ends
-from baselines.exact.method.scaled import Scaled
-from trajopt.core.arrays import Array
+from baselines.exact.method.scaled import Abreast
+from trajopt.core.arrays import Array, Bools, Indices
 
 START_BARRIER = 0.1
 # Largest share of the velocity limits that an initial guess uses.
@@ -60,22 +61,20 @@ def both_sides(ends: Array) -> Array:
     return of_each_side * SIDES
 
 
-def _by_axes_of_two(limits: ArrayLike) -> Array:
-    """Return limits `(…, segments or 1, joints)` with an axis for the starts inserted."""
-    tables = np.asarray(limits)
-    return tables[..., None, :, :]
-
-
 class AccelerationTables:
-    """The constant tables of the program, repeated for each start."""
+    """The constant tables of the program.
 
-    def __init__(self, scaled: Scaled, starts: int) -> None:
-        every = (starts, *scaled.h.shape)
+    Args:
+        scaled: the problem of each start.
+    """
 
-        def table(numbers: Array) -> Array:
+    def __init__(self, scaled: Abreast) -> None:
+        every = scaled.h.shape
+
+        def table(limits: ArrayLike) -> Array:
+            numbers = np.asarray(limits)
             axes_of_two = numbers.shape[:-3]
-            shape = (*axes_of_two, *every)
-            repeated = np.empty(shape)
+            repeated = np.empty((*axes_of_two, *every))
             repeated[:] = numbers
             return repeated
 
@@ -83,9 +82,9 @@ class AccelerationTables:
         a1, a2 = np.abs(scaled.a)
         # A velocity is at most its limit, and at most that of accelerating at 1 for the whole time.
         limit = np.maximum(v1, v2)
-        whole = scaled.stop.sum()
-        top = np.minimum(limit, whole)
-        fastest = _by_axes_of_two([v2, v1])
+        whole = scaled.stop.sum(axis=1)
+        top = np.minimum(limit, whole[:, None, None])
+        fastest = np.array([v2, v1])
         # For both sides: the acceleration from the start to a peak, and from the peak to the end.
         speeding = [a2, a1]
         braking = [a1, a2]
@@ -96,21 +95,17 @@ class AccelerationTables:
         zero = 0 * wide
         lowest_ends = [-half_a2, -half_a1]
         highest_ends = [half_a1, half_a2]
-        lowest = [lowest_ends, [zero, zero]]
-        highest = [highest_ends, [wide, wide]]
 
         self.scaled = scaled
         self.every = every
-        self.h = table(SIDES * scaled.h)
-        stops = [scaled.stop] * starts
-        self.stop = np.array(stops)
+        self.h = SIDES * scaled.h
+        self.stop = scaled.stop
         self.ones = np.ones(every)
-        leading = [speeding, braking]
-        self.a = table(_by_axes_of_two(leading))
-        self.lowest = table(_by_axes_of_two(lowest))
-        self.highest = table(_by_axes_of_two(highest))
+        self.a = table([speeding, braking])
+        self.lowest = table([lowest_ends, [zero, zero]])
+        self.highest = table([highest_ends, [wide, wide]])
         # velocities in units of their top
-        self.top = table(_by_axes_of_two(top))
+        self.top = table(top)
         self.h_by_top = self.h / self.top
         self.fastest = table(fastest / top)
         self.rows: tuple[int, ...] = self.lowest.shape
@@ -118,14 +113,18 @@ class AccelerationTables:
         if scaled.by_segment:
             # at a segment's end the next segment's velocity limits count too; the last has none
             low, high = scaled.waypoint_v
-            passing = np.full((2, *scaled.h.shape), np.inf)
-            passing[:, : len(high)] = high, -low
-            self.passing = table(_by_axes_of_two(passing) / _by_axes_of_two(top))
+            passing = np.full((2, *every), np.inf)
+            passing[:, :, : high.shape[1]] = high, -low
+            self.passing = passing / top
             self.rows = (3, *self.lowest.shape[1:])
 
-    def of(self, starts: int) -> AccelerationTables:
-        """Return the tables for another number of starts."""
-        return AccelerationTables(self.scaled, starts)
+    def of(self, some: Bools | Indices) -> AccelerationTables:
+        """Return the tables of some of the starts."""
+        return AccelerationTables(self.scaled.of(some))
+
+    def with_others(self, others: Sequence[AccelerationTables]) -> AccelerationTables:
+        """Return the tables of these starts, then of the others."""
+        return AccelerationTables(self.scaled.with_others([own.scaled for own in others]))
 
     def at_ends(self, velocity: Array) -> Array:
         """Return waypoint velocities at the start and the end of each segment."""

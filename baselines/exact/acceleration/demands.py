@@ -15,6 +15,7 @@ faster.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -29,8 +30,8 @@ from baselines.exact.acceleration.cells import (
 )
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.method.chain import Chain, Links, at_ends
-from baselines.exact.method.interior_point import chosen, moved
-from trajopt.core.arrays import Array, Bools
+from baselines.exact.method.scaled import Abreast
+from trajopt.core.arrays import Array, Bools, Indices
 
 # Variables of a cell: logarithm of the time, velocity and offset at both ends, peak.
 _S, _X0, _P0, _X1, _P1, _PEAK = range(6)
@@ -70,7 +71,8 @@ class DemandTables(AccelerationTables):
     """The constant tables of the program, and of the demands."""
 
     def __init__(self, scaled: Any, starts: int) -> None:
-        super().__init__(scaled, starts)
+        super().__init__(Abreast([scaled] * starts))
+        self.asked = scaled
         self.tolerant = bool(scaled.tolerance.any())
         self.least: Array = scaled.least
         self.latest: Array = scaled.latest
@@ -82,8 +84,11 @@ class DemandTables(AccelerationTables):
         self.box = np.where(self.free, box, 1.0)
         self.free_before, _ = self.offsets(np.sign(box)[:, : len(scaled.tolerance)])
 
-    def of(self, starts: int) -> DemandTables:
-        return DemandTables(self.scaled, starts)
+    def of(self, some: Bools | Indices) -> DemandTables:
+        return DemandTables(self.asked, len(self.ones[some]))
+
+    def with_others(self, others: Sequence[AccelerationTables]) -> DemandTables:
+        return DemandTables(self.asked, sum(len(own.ones) for own in (self, *others)))
 
     def offsets(self, offset: Array) -> Array:
         """Return the offsets at the start and the end of each segment, 0 at the motion's ends."""
@@ -94,11 +99,11 @@ class DemandTables(AccelerationTables):
 
         Ends and peaks are counted from the mean velocity between the nominal waypoints.
         """
-        times = np.maximum(times, self.scaled.least * (1 + 1e-3))
+        times = np.maximum(times, self.asked.least * (1 + 1e-3))
         if not self.tolerant:
             point = self.start(times, velocities)
             return DemandUnknowns(*point, np.zeros_like(velocities))
-        box = _ROOM * self.scaled.tolerance
+        box = _ROOM * self.asked.tolerance
         inside = np.clip(offset, -box, box)
         first, last = self.offsets(inside)
         moved = copy(self)
@@ -161,12 +166,6 @@ class DemandInequalities(AccelerationInequalities):
 
     def linear(self, multipliers: Array, weights: Array) -> Any:
         return DemandLinearisation(self, multipliers, weights)
-
-    def of(self, some: Bools) -> DemandInequalities:
-        return DemandInequalities(self.cells.of(int(some.sum())), chosen(self.point, some))
-
-    def after(self, step: Any, length: Array) -> DemandInequalities:
-        return DemandInequalities(self.cells, self.cells.clipped(moved(self.point, step, length)))
 
     @cached_property
     def slopes(self) -> Array:

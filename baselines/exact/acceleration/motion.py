@@ -40,7 +40,7 @@ class SegmentTask(NamedTuple):
         v: velocity limits, `(2, segments, joints)`, low first; 1 where all segments have the same.
         a: acceleration limits, likewise.
         q: positions at the segments' starts, `(segments, joints)`.
-        positions: position limits, `(2, joints)`, low first.
+        positions: position limits, `(2, segments, joints)`, low first.
     """
 
     times: Array
@@ -53,12 +53,12 @@ class SegmentTask(NamedTuple):
     positions: Array
 
 
-def pieces(task: SegmentTask, brief: float, *, dilatable: bool = True) -> Pieces:
+def pieces(task: SegmentTask, brief: Array | float, *, dilatable: bool = True) -> Pieces:
     """Return the motion of all joints: constant accelerations on shared breaks.
 
     Args:
         task: what the motion has to do.
-        brief: to remove a piece that takes less, a linear program is tried too.
+        brief: to remove a piece that takes less, a linear program is tried too, `(segments,)`.
         dilatable: whether the motion can be dilated; if not, it is more accurate.
     """
     between = task.u, task.w, task.times

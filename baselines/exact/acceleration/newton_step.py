@@ -6,8 +6,9 @@ step eliminates its two peaks in closed form; `exact.method.chain` solves for th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from baselines.exact.acceleration.cells import (
     both_sides,
 )
 from baselines.exact.method.chain import Chain, Links
-from baselines.exact.method.interior_point import chosen, moved
-from trajopt.core.arrays import Array, Bools
+from baselines.exact.method.interior_point import chosen, joined, moved
+from trajopt.core.arrays import Array, Bools, Indices
 
 
 class Gradients(NamedTuple):
@@ -107,18 +108,23 @@ class AccelerationInequalities:
         """Return the linear model; `weights` are multiplier over slack of each inequality."""
         return AccelerationLinearisation(self, multipliers, weights)
 
-    def after(self, step: AccelerationUnknowns, length: Array) -> AccelerationInequalities:
+    def after(self, step: AccelerationUnknowns, length: Array) -> Self:
         """Return the inequalities after a step of this length, with clipped unknowns."""
         cells = self.cells
-        return AccelerationInequalities(cells, cells.clipped(moved(self.point, step, length)))
+        return type(self)(cells, cells.clipped(moved(self.point, step, length)))
 
     def follows(self, before: AccelerationInequalities) -> Bools:
         """Return that every point is allowed: clipping replaces a line search."""
         return np.ones(len(self.times), dtype=bool)
 
-    def of(self, some: Bools) -> AccelerationInequalities:
+    def of(self, some: Bools | Indices) -> Self:
         """Return the inequalities of some of the starts."""
-        return AccelerationInequalities(self.cells.of(int(some.sum())), chosen(self.point, some))
+        return type(self)(self.cells.of(some), chosen(self.point, some))
+
+    def with_others(self, others: Sequence[Self]) -> Self:
+        """Return the inequalities of these starts, then of the others."""
+        cells = self.cells.with_others([own.cells for own in others])
+        return type(self)(cells, joined([self.point, *(own.point for own in others)]))
 
     @cached_property
     def missing(self) -> Array:

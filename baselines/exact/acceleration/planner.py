@@ -30,7 +30,7 @@ from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method import brief_steps, free_pieces, gate, guesses
-from baselines.exact.method.chain import with_outer
+from baselines.exact.method.chain import at_ends, with_outer
 from baselines.exact.method.crossover import minimised
 from baselines.exact.method.free_pieces import FreeOptimum
 from baselines.exact.method.guesses import Guess
@@ -40,8 +40,8 @@ from baselines.exact.method.planner import (
     SeveralStarts,
     without_ipopt,
 )
-from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
-from trajopt.core.arrays import Array
+from baselines.exact.method.scaled import BRIEF_PIECE_S, Abreast, Scaled, inner_velocities, motions
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.demand import END_STATES
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import KEPT_RTOL
@@ -121,10 +121,11 @@ class Exact(SeveralStarts):
         if (short := self.in_one_piece(problem)) is not None:
             return short
         scaled = Passing(problem, passing)
-        minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
         def solve_from(starts: Sequence[Guess]) -> list[LocalOptimum]:
-            return minimised(scaled, starts)
+            if self.solver == "ipopt":
+                return _minimised_by_ipopt(scaled, starts)
+            return _minimised([scaled] * len(starts), starts)
 
         known: list[LocalOptimum] = []
         beside: list[Guess] = []
@@ -135,14 +136,35 @@ class Exact(SeveralStarts):
                     return self.best_of(scaled, lambda _: [first_time], iter([None]))
                 known = _before_gaps(scaled)
             beside = [*(Guess(*own) for own in gaps.starts(scaled)), *guesses.cruising(scaled)]
-        count = (MAX_STARTS_FACTOR if patient else 1) * self.starts
-        random = starting_points(scaled, count)
-        stopping = islice(random, 1)
-        purpose = guesses.on_purpose(scaled)
-        # a tolerance has its optimum near the chord; without one stopping is next to none
-        first = (purpose, stopping) if scaled.tolerance.any() else (stopping, purpose)
-        starts = islice(chain(*first, random), count)
+        starts = _guesses(scaled, (MAX_STARTS_FACTOR if patient else 1) * self.starts)
         return self.best_of(scaled, solve_from, starts, known, beside)
+
+    def first_optima(
+        self, problems: Sequence[Problem]
+    ) -> Iterator[tuple[Passing, list[LocalOptimum]]]:
+        every = [Passing(problem) for problem in problems]
+        count = min(self.agreeing, self.starts)
+        starts = [guess for own in every for guess in islice(_guesses(own, self.starts), count)]
+        numbers = np.repeat(np.arange(len(every)), count)
+        optima = iter(_minimised([every[i] for i in numbers], starts, numbers))
+        for own in every:
+            yield own, list(islice(optima, count))
+
+    def motions(self, every: Sequence[Passing], optima: Sequence[LocalOptimum]) -> list[Trajectory]:
+        times = np.array([own.times for own in optima])
+        velocities = np.array([own.states for own in optima])
+        ends = np.pad(velocities, ((0, 0), (1, 1), (0, 0)))
+        return _motions(every, every, times, ends)
+
+
+def _guesses(scaled: Passing, count: int) -> Iterator[Guess]:
+    """Yield initial guesses in the order in which they are tried, at most `count`."""
+    random = starting_points(scaled, count)
+    stopping = islice(random, 1)
+    purpose = guesses.on_purpose(scaled)
+    # a tolerance has its optimum near the chord; without one stopping is next to none
+    first = (purpose, stopping) if scaled.tolerance.any() else (stopping, purpose)
+    return islice(chain(*first, random), count)
 
 
 def _solved_near(
@@ -179,6 +201,11 @@ class Passing(Scaled):
         self.latest = np.full_like(self.stop, np.inf)
 
     @property
+    def walls(self) -> Array:
+        """Return the position limits, low first, `(2, joints)`."""
+        return self.problem.limits.position.T
+
+    @property
     def has_demands(self) -> bool:
         """Return whether the route asks for more than exact waypoints and rest at its ends."""
         limited = self.least.any() or np.isfinite(self.latest).any()
@@ -205,33 +232,53 @@ class Passing(Scaled):
         if self.tolerance.any():
             velocities, offset = states
             return self.shifted(offset).trajectory(times, velocities)
-        *_, q_unit = self.units
-        ends = with_outer(states, self.end_v, self.closed)
-        starts = self.problem.waypoints[:-1]
-        walls = self.problem.limits.position.T
         needed = 0.0 if self.problem.route.dilatable else instants.excess(self, times, states)
         allowed = self.allowed if needed > _NEGLIGIBLE else self
-        task = SegmentTask(
-            times[:, None],
-            self.h,
-            ends[:-1],
-            ends[1:],
-            allowed.v,
-            allowed.a,
-            starts / q_unit,
-            walls / q_unit,
-        )
-        dilatable = self.problem.route.dilatable
-        with np.errstate(all="ignore"):
-            constant = pieces(task, BRIEF_PIECE_S / self.unit, dilatable=dilatable)
-        return self.motion(constant, task.u)
+        ends = with_outer(states, self.end_v, self.closed)
+        (motion,) = _motions([self], [allowed], times[None], ends[None])
+        return motion
 
-    def within(self, velocities: Array) -> Array:
-        """Return velocities within their limits; one that is close to its limit is set to it."""
-        lowest, highest = self.waypoint_v
-        slowest, fastest = self.waypoint_v * (1 - _LIMIT_RTOL)
-        within = np.where(velocities > fastest, highest, velocities)
-        return np.where(within < slowest, lowest, within)
+
+def _motions(
+    every: Sequence[Passing], allowed: Sequence[Passing], times: Array, ends: Array
+) -> list[Trajectory]:
+    """Return the motions of problems of one shape.
+
+    Args:
+        every: the problems, all dilatable or none.
+        allowed: the same with the limits that the motions keep.
+        times: of the segments, `(problems, segments)`.
+        ends: velocities at all waypoints, `(problems, waypoints, joints)`.
+    """
+    segments = times.shape[1]
+
+    def in_a_row(tables: Sequence[Array]) -> Array:
+        shapes = [(*own.shape[:-2], segments, own.shape[-1]) for own in tables]
+        whole = [np.broadcast_to(own, shape) for own, shape in zip(tables, shapes, strict=True)]
+        return np.concatenate(whole, axis=-2)
+
+    task = SegmentTask(
+        times.reshape(-1, 1),
+        in_a_row([own.h for own in every]),
+        ends[:, :-1].reshape(-1, ends.shape[-1]),
+        ends[:, 1:].reshape(-1, ends.shape[-1]),
+        in_a_row([own.v for own in allowed]),
+        in_a_row([own.a for own in allowed]),
+        in_a_row([own.problem.waypoints[:-1] / own.units[-1] for own in every]),
+        in_a_row([own.walls[:, None] / own.units[-1] for own in every]),
+    )
+    brief = np.repeat([BRIEF_PIECE_S / own.unit for own in every], segments)
+    with np.errstate(all="ignore"):
+        constant = pieces(task, brief, dilatable=every[0].problem.route.dilatable)
+    return motions(every, constant, task.u)
+
+
+def within(velocities: Array, limits: Array) -> Array:
+    """Return velocities within their limits; one that is close to its limit is set to it."""
+    lowest, highest = limits
+    slowest, fastest = limits * (1 - _LIMIT_RTOL)
+    limited = np.where(velocities > fastest, highest, velocities)
+    return np.where(limited < slowest, lowest, limited)
 
 
 def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
@@ -248,7 +295,7 @@ def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
         if instants.excess(scaled, near, none) < max(_WIDER):
             # rounding moves the borders of several joints apart
             own, _ = instants.sharpened(scaled, near, none)
-            found = _reached(scaled, own, none, "Converged", MAX_BORDER_DILATION)
+            (found,) = _reached(Abreast([scaled]), own[None], none[None], MAX_BORDER_DILATION)
             if found is not None:
                 return found
     return None
@@ -269,12 +316,13 @@ def _before_gaps(scaled: Passing) -> list[LocalOptimum]:
             wider = scaled.widened(share)
             earliest, wider.latest = starts[0].between
             wider.least = np.maximum(wider.least, earliest)
-            optima = _minimised(wider, [Guess(*start[:2]) for start in starts])
+            optima = _minimised([wider] * len(starts), [Guess(*start[:2]) for start in starts])
             for start, near in zip(starts, optima, strict=True):
                 optimum = None
                 if np.isfinite(near.duration):
                     sharp = instants.sharpened(scaled, near.times, near.states)
-                    optimum = _reached(scaled, *sharp, "Converged", MAX_BORDER_DILATION)
+                    times, states = (table[None] for table in sharp)
+                    (optimum,) = _reached(Abreast([scaled]), times, states, MAX_BORDER_DILATION)
                 if optimum is None:
                     failed.append(start)
                 else:
@@ -291,28 +339,33 @@ def _in_groups(starts: Sequence[gaps.Start]) -> list[list[gaps.Start]]:
     return list(groups.values())
 
 
-def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> bool:
+def reachable(times: Array, velocities: Array, scaled: Abreast, k: Array) -> Bools:
     """Return whether times and waypoint velocities are reachable after a dilation by `k`.
 
     Velocity limits are `k` times as wide, acceleration limits `k²` times; the velocities at the
     motion's ends are `k` times as large. In the briefest segments velocities differ by less than
     their rounding. Dilation does not help there, so it is allowed.
+
+    Args:
+        times: of the segments, `(starts, segments)`.
+        velocities: at the inner waypoints, `(starts, waypoints, joints)`.
+        scaled: the problems.
+        k: `(starts,)`.
     """
-    ends = with_outer(velocities, k * scaled.end_v, scaled.closed)
-    u = ends[:-1]
-    w = ends[1:]
-    t = times[:, None]
+    u, w = at_ends(velocities, k[:, None] * scaled.end_v, scaled.closed)
+    t = times[..., None]
     h = scaled.h
-    v = scaled.v * k
-    a = scaled.a * k**2
-    slowest, fastest = scaled.waypoint_v * k
+    wider = k[:, None, None]
+    v = scaled.v * wider
+    a = scaled.a * wider**2
+    slowest, fastest = scaled.waypoint_v * wider
     braking, speeding = a
     size = np.abs(u) + np.abs(w)
     rounding = _VELOCITY_RTOL * size
     step = w - u
     reach = extremes(u, w, t, v, a)
     conditions = [
-        scaled.least <= k * times,
+        scaled.least <= k[:, None] * times,
         # −V1 ≤ v ≤ V2 at the inner waypoints
         slowest <= velocities,
         velocities <= fastest,
@@ -323,31 +376,41 @@ def reachable(times: Array, velocities: Array, scaled: Passing, k: float) -> boo
         reach.d_lo - h <= rounding * t,
         h - reach.d_up <= rounding * t,
     ]
-    return all(bool(condition.all()) for condition in conditions)
+    every = [own.reshape(len(k), -1).all(axis=1) for own in conditions]
+    return np.logical_and.reduce(every)
 
 
 def repair(
-    times: Array, velocities: Array, scaled: Passing, largest: float = MAX_DILATION
-) -> float:
-    """Return the smallest dilation that makes times and waypoint velocities reachable.
+    times: Array, velocities: Array, scaled: Abreast, largest: float = MAX_DILATION
+) -> Array:
+    """Return the smallest dilations that make times and waypoint velocities reachable, `(starts,)`.
 
     Solvers meet constraints to a tolerance; dilating by `k` widens every reachable interval.
-    It is infinite where it would be larger than `largest`.
+    One is infinite where it would be larger than `largest`.
     """
-    low = 1.0
-    high = 1.0 + DILATION_TOL
-    while not reachable(times, velocities, scaled, high):
-        low = high
-        high = 1 + 4 * (high - 1)
-        if high > largest:
-            return np.inf
-    while high - low > DILATION_TOL:
-        middle = 0.5 * (low + high)
-        if reachable(times, velocities, scaled, middle):
-            high = middle
-        else:
-            low = middle
-    return high
+    low = np.ones(len(times))
+    high = np.full(len(times), 1.0 + DILATION_TOL)
+
+    def are_reachable(some: Indices, k: Array) -> Bools:
+        if len(some) == len(times):
+            return reachable(times, velocities, scaled, k)
+        return reachable(times[some], velocities[some], scaled.of(some), k)
+
+    left = np.arange(len(times))
+    while left.size:
+        left = left[~are_reachable(left, high[left])]
+        low[left] = high[left]
+        high[left] = 1 + 4 * (high[left] - 1)
+        high[left[high[left] > largest]] = np.inf
+        left = left[np.isfinite(high[left])]
+    while True:
+        left = np.flatnonzero(np.isfinite(high) & (high - low > DILATION_TOL))
+        if not left.size:
+            return high
+        middle = 0.5 * (low[left] + high[left])
+        is_enough = are_reachable(left, middle)
+        high[left] = np.where(is_enough, middle, high[left])
+        low[left] = np.where(is_enough, low[left], middle)
 
 
 def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterator[Guess]:
@@ -375,25 +438,40 @@ def starting_points(scaled: Scaled, count: int, stopping: float = 1.0) -> Iterat
         yield Guess(times, between * speed)
 
 
-def _minimised(scaled: Passing, starts: Sequence[Guess]) -> list[LocalOptimum]:
-    """Return the local optimum near each initial guess, dilated until it is reachable."""
+def _minimised(
+    every: Sequence[Passing], starts: Sequence[Guess], problems: Indices | None = None
+) -> list[LocalOptimum]:
+    """Return the local optimum near each initial guess, dilated until it is reachable.
 
-    def reached(rows: Any, start: int, largest_dilation: float) -> LocalOptimum | None:
-        times = rows.times[start]
-        ends = rows.point.ends[:, start]
+    Args:
+        every: the problem of each guess, all of one shape; with demands all are one problem.
+        starts: the guesses.
+        problems: the number of each guess's problem; by default one for all.
+    """
+    scaled = every[0]
+    abreast = Abreast(every)
+
+    def reached(rows: Any, some: Indices, largest_dilation: float) -> list[LocalOptimum | None]:
+        own = abreast if len(some) == len(every) else abreast.of(some)
+        times = rows.times
+        ends = rows.point.ends
         # A joint at its limit throughout a segment has end velocities ∓A T/2 from the mean one.
         gain = ends[1] - ends[0]
-        limit = np.where(gain > 0, scaled.a[1], scaled.a[0])
+        limit = np.where(gain > 0, own.a[1], own.a[0])
         is_full = np.abs(gain / limit - 1) < _FULL_RTOL
         if not tolerant:
             ends = np.where(is_full, [-limit / 2, limit / 2], ends)
-        velocities = scaled.within(scaled.velocities(times, ends))
+        velocities = inner_velocities(own.h, times, ends, own.closed)
+        velocities = within(velocities, own.waypoint_v)
         if not tolerant:
-            return _reached(scaled, times, velocities, "Converged", largest_dilation)
-        offset = np.clip(rows.point.offset[start], -scaled.tolerance, scaled.tolerance)
-        moved = scaled.shifted(offset)
-        found = _reached(moved, times, velocities, "Converged", largest_dilation)
-        return found and found._replace(states=(found.states, offset))
+            return _reached(own, times, velocities, largest_dilation)
+        offsets = np.clip(rows.point.offset, -scaled.tolerance, scaled.tolerance)
+        moved = Abreast([scaled.shifted(offset) for offset in offsets])
+        found = _reached(moved, times, velocities, largest_dilation)
+        return [
+            optimum and optimum._replace(states=(optimum.states, offset))
+            for optimum, offset in zip(found, offsets, strict=True)
+        ]
 
     tolerant = scaled.tolerance.any()
     times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
@@ -404,9 +482,9 @@ def _minimised(scaled: Passing, starts: Sequence[Guess]) -> list[LocalOptimum]:
         of_demands = DemandInequalities(asked, asked.near(times, velocities, offset))
         optima = minimised(of_demands, reached)
     else:
-        cells = AccelerationTables(scaled, len(starts))
+        cells = AccelerationTables(abreast)
         rows = AccelerationInequalities(cells, cells.start(times, velocities))
-        optima = minimised(rows, reached)
+        optima = minimised(rows, reached, problems)
     return [
         LocalOptimum(np.inf, *start[:2], "Not_Converged") if optimum is None else optimum
         for start, optimum in zip(starts, optima, strict=True)
@@ -420,21 +498,28 @@ def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Guess]) -> list[LocalO
     optima = []
     for start in starts:
         found = by_ipopt.minimised(scaled, *start[:2])
-        within = scaled.within(found.velocities)
-        optimum = _reached(scaled, found.times, within, found.status, MAX_DILATION)
+        velocities = within(found.velocities, scaled.waypoint_v)
+        (optimum,) = _reached(Abreast([scaled]), found.times[None], velocities[None], MAX_DILATION)
         if optimum is None or not found.success:
             optimum = LocalOptimum(np.inf, *start[:2], found.status)
-        optima.append(optimum)
+        optima.append(optimum._replace(status=found.status))
     return optima
 
 
 def _reached(
-    scaled: Passing, times: Array, velocities: Array, status: str, largest_dilation: float
-) -> LocalOptimum | None:
-    """Return the optimum of times and waypoint velocities, dilated until it is reachable."""
+    scaled: Abreast, times: Array, velocities: Array, largest_dilation: float
+) -> list[LocalOptimum | None]:
+    """Return the optima of times and waypoint velocities, dilated until they are reachable."""
     k = repair(times, velocities, scaled, largest_dilation)
-    if np.isinf(k):
-        k = repair(times, velocities, scaled.allowed, largest_dilation)
-    if np.isinf(k):
-        return None
-    return LocalOptimum(k * float(times.sum()), k * times, velocities / k, status)
+    for i in np.flatnonzero(np.isinf(k)).tolist():
+        own: Any = scaled.every[i]
+        if own.allowed is not own:
+            some = slice(i, i + 1)
+            allowed = Abreast([own.allowed])
+            k[some] = repair(times[some], velocities[some], allowed, largest_dilation)
+    durations = k * times.sum(axis=1)
+    found = zip(k, durations, k[:, None] * times, velocities / k[:, None, None], strict=True)
+    return [
+        None if np.isinf(factor) else LocalOptimum(float(duration), slower, slowed, "Converged")
+        for factor, duration, slower, slowed in found
+    ]

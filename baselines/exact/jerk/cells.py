@@ -14,6 +14,7 @@ change linearly. The velocities then change nearly linearly too. Along a step th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -28,9 +29,15 @@ from baselines.exact.jerk.profiles import (
     Slopes,
 )
 from baselines.exact.method.chain import Chain, Links, at_ends, beside_it, owners
-from baselines.exact.method.interior_point import MIN_KEPT_SLACK, ROW_AXES, chosen, moved
-from baselines.exact.method.scaled import Scaled
-from trajopt.core.arrays import Array, Bools
+from baselines.exact.method.interior_point import (
+    MIN_KEPT_SLACK,
+    ROW_AXES,
+    chosen,
+    joined,
+    moved,
+)
+from baselines.exact.method.scaled import Abreast, Scaled
+from trajopt.core.arrays import Array, Bools, Indices
 
 # Order of a cell's inequalities, each for both sides: displacement (of both kinds of profiles, see
 # `JerkTables`), acceleration and velocity at the cell's end. Then the least time, if one is asked
@@ -71,22 +78,26 @@ class JerkTables:
     """The constant tables of the program.
 
     Args:
-        scaled: the problem.
+        scaled: the problem; of several the first.
+        every: the problem of each start, where they are several, without demands.
         kinds: extreme profiles on each side. 2: one without the velocity limit and one with a
             cruise, which may take a little negative time; both are smooth. 1: the lesser of the
             two, with a kink where the cruise begins.
     """
 
-    def __init__(self, scaled: Scaled, kinds: int = 1) -> None:
-        v1, v2 = np.abs(scaled.v)
-        a1, a2 = np.abs(scaled.a)
-        r1, r2 = scaled.r
+    def __init__(self, scaled: Scaled, kinds: int = 1, every: Sequence[Scaled] = ()) -> None:
+        abreast = Abreast(every or [scaled])
+        v1, v2 = np.abs(abreast.v)
+        a1, a2 = np.abs(abreast.a)
+        r1, r2 = abreast.r
         one = np.ones_like(v1)
 
         def sides(upper: Array, lower: Array) -> Array:
-            return np.array([upper, lower] * kinds)[:, None]
+            return np.array([upper, lower] * kinds)
 
         self.scaled = scaled
+        self.every = every
+        self.kinds = kinds
         self.beyond = kinds > 1
         self.signs = sides(one, -one)
         # signs of a cell's variables on each side, in the order of `jerk.profiles`
@@ -96,23 +107,25 @@ class JerkTables:
 
         rising = sides(a2, a1)
         falling = sides(a1, a2)
-        self.h = scaled.h
+        self.h = abreast.h
+        self.end_v = abreast.end_v
+        self.end_a = abreast.end_a
         self.steepest = np.array([rising, falling])
-        self.fastest = np.array([v2, v1])[:, None]
+        self.fastest = np.array([v2, v1])
         self.highest = sides(v2, v1)
         if self.beyond:
             self.highest[:2] = np.inf
         self.up = sides(r2, r1)
         self.down = sides(r1, r2)
         self.falling = self.down[:2]
-        self.widest = np.array([a2, a1])[:, None]
+        self.widest = np.array([a2, a1])
         self.by_segment = scaled.by_segment
         # cells whose first waypoint has a velocity and an acceleration among the unknowns
         self.starts = np.ones((1, 1, len(scaled.h), 1), dtype=bool)
         self.starts[:, :, 0] = scaled.closed
         if self.by_segment:
-            low, high = scaled.waypoint_a
-            self.widest[:, 0, : len(high)] = high, -low
+            low, high = abreast.waypoint_a
+            self.widest[:, :, : high.shape[1]] = high, -low
         self.passing = None
         if scaled.passing is not None:
             low, high = scaled.passing[0]
@@ -129,8 +142,21 @@ class JerkTables:
         Its end velocities keep every link.
         """
         t = times[..., None]
-        ends = (at_ends(velocity, self.scaled.end_v, self.closed) - self.h / t) / t
+        ends = (at_ends(velocity, self.end_v, self.closed) - self.h / t) / t
         return JerkUnknowns(np.log(times), ends, velocity, acceleration)
+
+    def of(self, some: Bools | Indices) -> Self:
+        """Return the tables of some of the starts; those of one problem are the same for all."""
+        if not self.every:
+            return self
+        numbers = np.arange(len(self.every))[some]
+        return type(self)(self.scaled, self.kinds, [self.every[i] for i in numbers])
+
+    def with_others(self, others: Sequence[JerkTables]) -> Self:
+        """Return the tables of these starts, then of the others."""
+        tables: list[JerkTables] = [self, *others]
+        every = [scaled for own in tables for scaled in own.every]
+        return type(self)(self.scaled, self.kinds, every)
 
 
 class JerkInequalities:
@@ -165,14 +191,14 @@ class JerkInequalities:
             cells.signs * steep,
             cells.beyond,
         )
-        waypoints = at_ends(point.acceleration, cells.scaled.end_a, cells.closed)
+        waypoints = at_ends(point.acceleration, cells.end_a, cells.closed)
         profiles = ExtremeProfiles(
             point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * FLIPS, limits
         )
         reach = profiles.value
         # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
         started, acceleration = waypoints
-        early, velocity = at_ends(point.velocity, cells.scaled.end_v, cells.closed)
+        early, velocity = at_ends(point.velocity, cells.end_v, cells.closed)
         signs = cells.signs[:2]
         slower = cells.widest - signs * acceleration
         ramped = _sided(acceleration, -signs) if cells.by_segment else acceleration
@@ -224,8 +250,8 @@ class JerkInequalities:
         ends = np.array(point.ends)
         for end, segment in ((0, 0), (1, -1)):
             t = np.exp(point.log[:, [segment]])
-            velocity = self.cells.scaled.end_v[end]
-            ends[end, :, segment] = (velocity - self.cells.h[segment] / t) / t
+            velocity = self.cells.end_v[end]
+            ends[end, :, segment] = (velocity - self.cells.h[:, segment] / t) / t
         return point._replace(ends=ends)
 
     def follows(self, before: JerkInequalities) -> Bools:
@@ -234,9 +260,14 @@ class JerkInequalities:
         reachable = self.profiles.reachable.all(axis=(0, 2, 3))
         return np.asarray((kept >= MIN_KEPT_SLACK) & reachable)
 
-    def of(self, some: Bools) -> Self:
+    def of(self, some: Bools | Indices) -> Self:
         """Return the inequalities of some of the starts."""
-        return type(self)(self.cells, chosen(self.point, some))
+        return type(self)(self.cells.of(some), chosen(self.point, some))
+
+    def with_others(self, others: Sequence[Self]) -> Self:
+        """Return the inequalities of these starts, then of the others."""
+        cells = self.cells.with_others([own.cells for own in others])
+        return type(self)(cells, joined([self.point, *(own.point for own in others)]))
 
     @cached_property
     def slopes(self) -> Slopes:
@@ -276,7 +307,7 @@ class JerkInequalities:
     @cached_property
     def missing(self) -> Array:
         """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
-        velocity = at_ends(self.point.velocity, self.cells.scaled.end_v, self.cells.closed)
+        velocity = at_ends(self.point.velocity, self.cells.end_v, self.cells.closed)
         missing = velocity - self.mean - self.t * self.point.ends
         size = np.abs(velocity) + np.abs(self.mean)
         is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size

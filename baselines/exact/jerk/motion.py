@@ -273,7 +273,7 @@ class _Passed(NamedTuple):
         """
         worst = 0.0
         for segment in self.brief:
-            steps = np.abs(rows.cells.h[segment])
+            steps = np.abs(rows.cells.scaled.h[segment])
             leaders = np.flatnonzero(steps >= LEAST_MOVE * steps.max())
             follows = self.limits.jerky & (self._slack(rows, segment) > least)
             bends = [self._led(rows, segment, leader, follows) for leader in leaders.tolist()]
@@ -286,7 +286,7 @@ class _Passed(NamedTuple):
         """Return factors of the times with which the joint of least slack bends as it should."""
         factors = np.ones_like(rows.times)
         for segment in self.brief:
-            leader = int(np.abs(rows.cells.h[segment]).argmax())
+            leader = int(np.abs(rows.cells.scaled.h[segment]).argmax())
             own = rows.point.acceleration[0, segment - 1 : segment + 1].mean(axis=0)
             _, wished = self._wished(rows, segment, leader)
             slack = self._slack(rows, segment)
@@ -310,7 +310,7 @@ class _Passed(NamedTuple):
             t = times[0, segment]
             mean = acceleration[0, ends].mean(axis=0)
             acceleration[0, ends] = mean
-            velocity[0, ends] = rows.cells.h[segment] / t + HALVES * mean * t
+            velocity[0, ends] = rows.cells.scaled.h[segment] / t + HALVES * mean * t
         return JerkInequalities(rows.cells, rows.cells.linked(times, velocity, acceleration))
 
     def _slack(self, rows: JerkInequalities, segment: int) -> Array:
@@ -321,7 +321,7 @@ class _Passed(NamedTuple):
 
     def _wished(self, rows: JerkInequalities, segment: int, leader: int) -> tuple[float, Array]:
         """Return when the leader passes the waypoint, and with which acceleration all joints do."""
-        h, t, away = rows.cells.h[segment], rows.times[0, segment], self.away[segment]
+        h, t, away = rows.cells.scaled.h[segment], rows.times[0, segment], self.away[segment]
         bend = rows.point.acceleration[0, segment - 1 : segment + 1, leader].mean() * t**2 / 2
         # h s + a t² s (s − 1)/2 = d
         share = away[leader] / h[leader]
@@ -336,7 +336,7 @@ class _Passed(NamedTuple):
         which they pass the waypoint, where the segments beside allow it.
         """
         ends = [segment - 1, segment]
-        h, t = rows.cells.h[segment], rows.times[0, segment]
+        h, t = rows.cells.scaled.h[segment], rows.times[0, segment]
         share, wished = self._wished(rows, segment, leader)
         follows = follows & (np.arange(len(h)) != leader)
         velocity = rows.point.velocity.copy()

@@ -7,6 +7,7 @@ displacement inequalities change by `(p' − p)/T²`, in units of its time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,9 +22,8 @@ from baselines.exact.jerk.cells import (
 )
 from baselines.exact.jerk.profiles import ACCELERATIONS, TIME, VELOCITIES, Slopes
 from baselines.exact.method.chain import at_ends
-from baselines.exact.method.interior_point import chosen
 from baselines.exact.method.scaled import Scaled
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array
 
 # Here the offsets at both ends of a cell follow its other five variables. In the chain each follows
 # the acceleration of its waypoint.
@@ -50,8 +50,8 @@ class NearUnknowns(NamedTuple):
 class NearTables(JerkTables):
     """The constant tables of the program, with the half widths of the waypoints' boxes."""
 
-    def __init__(self, scaled: Scaled, kinds: int = 1) -> None:
-        super().__init__(scaled, kinds)
+    def __init__(self, scaled: Scaled, kinds: int = 1, every: Sequence[Scaled] = ()) -> None:
+        super().__init__(scaled, kinds, every)
         r = np.zeros(scaled.h.shape)
         r[: len(scaled.tolerance)] = scaled.tolerance
         self.free = r > 0
@@ -89,12 +89,6 @@ class NearInequalities(JerkInequalities):
 
     def linear(self, multipliers: Array, weights: Array) -> NearLinearisation:
         return NearLinearisation(self, multipliers, weights)
-
-    def after(self, step: Any, length: Array) -> NearInequalities:
-        return NearInequalities(self.cells, self._stepped(step, length))
-
-    def of(self, some: Bools) -> NearInequalities:
-        return NearInequalities(self.cells, chosen(self.point, some))
 
     @cached_property
     def slopes(self) -> Slopes:

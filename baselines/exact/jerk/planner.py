@@ -12,7 +12,7 @@ made for this program solves it (`exact.method.interior_point`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -150,6 +150,30 @@ class ExactJerk(SeveralStarts):
                 break
         return solution
 
+    def shape(self, problem: Problem) -> Hashable:
+        jerky = problem.limits.jerk_limited
+        # without a jerk limit it is a problem of `exact`: solved alone
+        return (super().shape(problem), tuple(jerky)) if jerky.any() else problem.digest()
+
+    def first_optima(
+        self, problems: Sequence[Problem]
+    ) -> Iterator[tuple[Reachable, list[LocalOptimum]]]:
+        from baselines.exact.jerk.motion import Reachable
+
+        every = [Reachable(problem) for problem in problems]
+        count = min(self.agreeing, self.starts)
+        starts = [start for own in every for start in islice(_starts(own), count)]
+        numbers = np.repeat(np.arange(len(every)), count)
+        optima = iter(_minimised(every[0], starts, every=[every[i] for i in numbers]))
+        for own in every:
+            yield own, list(islice(optima, count))
+
+    def motions(
+        self, every: Sequence[Reachable], optima: Sequence[LocalOptimum]
+    ) -> list[Trajectory]:
+        pairs = zip(every, optima, strict=True)
+        return [scaled.trajectory(own.times, own.states) for scaled, own in pairs]
+
     def _from_starts(
         self,
         problem: Problem,
@@ -268,26 +292,39 @@ def _met(scaled: Scaled, starts: Sequence[JerkStart]) -> list[LocalOptimum]:
 
 
 def _minimised(
-    scaled: Scaled, starts: Sequence[JerkStart], most_steps: int | None = None
+    scaled: Scaled,
+    starts: Sequence[JerkStart],
+    most_steps: int | None = None,
+    every: Sequence[Scaled] = (),
 ) -> list[LocalOptimum]:
-    """Return the local optimum that each initial guess leads to."""
+    """Return the local optimum that each initial guess leads to.
+
+    Args:
+        scaled: the problem; of several the first.
+        starts: the guesses.
+        most_steps: of the interior-point method; by default as many as it allows.
+        every: the problem of each guess, where they are several.
+    """
     near = bool(scaled.tolerance.any())
-    cells: Any = NearTables(scaled, kinds=2) if near else JerkTables(scaled, kinds=2)
+    tables: Any = NearTables if near else JerkTables
+    cells = tables(scaled, 2, every)
     begins: Any = NearInequalities if near else JerkInequalities
     times, velocity, acceleration = (np.array(own) for own in zip(*starts, strict=True))
+    # the number of each guess's problem
+    problems = np.unique([id(own) for own in every], return_inverse=True)[1] if every else None
     # a start that diverges overflows; `converged` is then false
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
         rows = begins(cells, point)
         if most_steps is not None:
             rows.max_iterations = most_steps
-        iterate = descended(begun(rows), converged)
+        iterate = descended(begun(rows), converged, problems=problems)
         done = converged(iterate, ACCEPTED)
     points = iterate.state.rows.point
-    numbers = np.arange(len(starts))
     optima = []
     for k, times in enumerate(iterate.state.rows.times):
-        optimum = LocalOptimum(times.sum(), times, chosen(points, numbers == k), "Converged")
+        states = chosen(points, slice(k, k + 1))
+        optimum = LocalOptimum(times.sum(), times, states, "Converged")
         if not done[k]:
             optimum = optimum._replace(duration=np.inf, status="Not_Converged")
         optima.append(optimum)

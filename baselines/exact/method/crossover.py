@@ -20,7 +20,7 @@ A worked example is in docs/implementation-notes.md, "Crossover".
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -28,7 +28,7 @@ import numpy as np
 
 from baselines.exact.method import interior_point
 from baselines.exact.method.interior_point import ROW_AXES, Arrived, Inequalities, Iterate
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 
 # Crossover is tried at these gaps, relative to the duration, and where the method has converged.
 ATTEMPTS: tuple[Arrived, ...] = (
@@ -60,46 +60,60 @@ OptimumT = TypeVar("OptimumT")
 
 
 def minimised(
-    start: Inequalities, reached: Callable[[Any, int, float], OptimumT | None]
+    start: Inequalities,
+    reached: Callable[[Any, Indices, float], Sequence[OptimumT | None]],
+    problems: Indices | None = None,
 ) -> list[OptimumT | None]:
     """Return the local optimum near each initial guess; None where the method does not converge.
 
     Args:
         start: The program at all initial guesses.
-        reached: Returns the optimum of a guess from the program's inequalities, the guess's index
-            and the largest dilation allowed; None if its motion needs a larger one.
+        reached: Returns the optima of some guesses from the program's inequalities at these, the
+            guesses' numbers and the largest dilation allowed; None for one whose motion needs a
+            larger one.
+        problems: The number of each guess's problem, `(starts,)`; by default one for all. The
+            answer to a problem does not depend on the others.
     """
     starts = len(start.times)
     optima: list[OptimumT | None] = [None] * starts
     running = np.arange(starts)  # indices of the initial guesses without an optimum
+
+    def take(rows: Inequalities, there: Bools, largest_dilation: float) -> None:
+        some = running[there]
+        if some.size:
+            rows = rows if there.all() else rows.of(there)
+            for i, optimum in zip(some, reached(rows, some, largest_dilation), strict=True):
+                optima[i] = optimum
+
     # A diverging method overflows; it then counts as not converged.
     with np.errstate(all="ignore"):
         iterate = interior_point.begun(start)
         for arrived in ATTEMPTS:
-            iterate = interior_point.descended(iterate, arrived)
-            crossed, done = _crossed(iterate)
-            for i in np.flatnonzero(done).tolist():
-                optimum = reached(crossed, i, MAX_DILATION_CROSSED)
-                optima[running[i]] = optimum
-                done[i] = optimum is not None
-            if done.all():
+            numbers = None if problems is None else problems[running]
+            iterate = interior_point.descended(iterate, arrived, problems=numbers)
+            take(*_crossed(iterate, numbers), MAX_DILATION_CROSSED)
+            left = np.array([optima[i] is None for i in running])
+            if not left.any():
                 return optima
-            running = running[~done]
-            iterate = iterate.of(~done)
-        for i in np.flatnonzero(interior_point.converged(iterate)).tolist():
-            optima[running[i]] = reached(iterate.state.rows, i, MAX_DILATION_CONVERGED)
+            iterate = iterate.of(left)
+            running = running[left]
+        take(iterate.state.rows, interior_point.converged(iterate), MAX_DILATION_CONVERGED)
     return optima
 
 
-def _crossed(iterate: Iterate) -> tuple[Inequalities, Bools]:
-    """Return the program after Newton's method on the active set, and which guesses converged."""
+def _crossed(iterate: Iterate, problems: Indices | None = None) -> tuple[Inequalities, Bools]:
+    """Return the program after Newton's method on the active set, and which guesses converged.
+
+    A problem's guesses take their steps until all of them have converged.
+    """
     state = iterate.state
     active = state.multipliers > MIN_KEPT * iterate.before.multipliers
     free = _free_weights(iterate)
     weights = np.where(active, STIFFNESS * state.weights, free)
     multipliers = np.where(active, state.multipliers, FREE_MULTIPLIER)
     rows = state.rows
-    whole_step = np.ones(len(rows.times))
+    length = np.ones(len(rows.times))  # 0 once all guesses of the problem are there
+    optimal = np.zeros(len(length), dtype=bool)
     for _ in range(MAX_STEPS):
         linear = rows.linear(multipliers, weights)
         residual = np.where(active, rows.values, 0.0)
@@ -110,16 +124,18 @@ def _crossed(iterate: Iterate) -> tuple[Inequalities, Bools]:
         # The multiplier of an equation takes up the residual that the step leaves.
         multipliers = multipliers - np.where(active, weights * (residual + change), 0.0)
         right_sign = (multipliers >= 0).all(axis=ROW_AXES)
-        optimal = feasible & stationary & right_sign
+        optimal = np.where(length > 0, feasible & stationary & right_sign, optimal)
         # The last step is taken too: before it, degenerate directions are accurate to the root of
         # the tolerance only.
-        rows = rows.after(step, whole_step)
+        rows = rows.after(step, length)
         if optimal.all():
             break
+        if problems is not None and optimal.any():
+            length = np.isin(problems, problems[~optimal]).astype(float)
         active &= multipliers >= 0
         multipliers = np.where(active, multipliers, FREE_MULTIPLIER)
         weights = np.where(active, weights, free)
-    return rows, np.asarray(optimal)
+    return rows, optimal
 
 
 def _free_weights(iterate: Iterate) -> Array:

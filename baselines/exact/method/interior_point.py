@@ -3,19 +3,20 @@
 `exact` and `exact-jerk` use it. Every inequality has a slack and a multiplier; each iteration is a
 Newton step to `slack × multiplier = barrier`, and the barrier falls (Nocedal and Wright, Numerical
 Optimization, chapter 19). A general sparse solver takes the same steps at twenty times the cost.
-Several initial guesses take their steps together, each with its own barrier and step length.
+Several initial guesses, of one problem or of several, take their steps together, each with its own
+barrier and step length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 
 MAX_ITERATIONS = 2000
 # Converged: complementarity gap and change of the last step, relative to the duration, and
@@ -63,10 +64,17 @@ def moved(point: Any, step: Any, length: Array) -> Any:
     return point._make(tables)
 
 
-def chosen(point: Any, some: Bools) -> Any:
+def chosen(point: Any, some: Bools | Indices | slice) -> Any:
     """Return the point of some of the starts."""
     times, *cells = point
     return point._make([times[some], *(table[..., some, :, :] for table in cells)])
+
+
+def joined(points: Sequence[Any]) -> Any:
+    """Return the point of the starts of several points, one after another."""
+    times, *cells = zip(*points, strict=True)
+    tables = [np.concatenate(own, axis=-3) for own in cells]
+    return points[0]._make([np.concatenate(times), *tables])
 
 
 class Linearisation(Protocol):
@@ -116,8 +124,11 @@ class Inequalities(Protocol):
     def follows(self, before: Self, /) -> Bools:
         """Return whether the method may continue from here, after a step from `before`."""
 
-    def of(self, some: Bools, /) -> Self:
+    def of(self, some: Bools | Indices, /) -> Self:
         """Return the inequalities of some of the starts."""
+
+    def with_others(self, others: Sequence[Self], /) -> Self:
+        """Return the inequalities of these starts, then of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +169,19 @@ class PrimalDualState:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
         return self.linear.slope(self.multipliers)
 
-    def of(self, some: Bools) -> PrimalDualState:
+    def of(self, some: Bools | Indices) -> PrimalDualState:
         """Return the state of some of the starts."""
         return PrimalDualState(
             self.rows.of(some), self.slacks[:, :, some], self.multipliers[:, :, some]
+        )
+
+    def with_others(self, others: Sequence[PrimalDualState]) -> PrimalDualState:
+        """Return the state of these starts, then of the others."""
+        every = [self, *others]
+        return PrimalDualState(
+            self.rows.with_others([own.rows for own in others]),
+            np.concatenate([own.slacks for own in every], axis=2),
+            np.concatenate([own.multipliers for own in every], axis=2),
         )
 
 
@@ -187,7 +207,7 @@ class Iterate(NamedTuple):
         """Return which starts have diverged, `(starts,)`."""
         return ~np.isfinite(self.state.gap) | (self.length == 0)
 
-    def of(self, some: Bools) -> Iterate:
+    def of(self, some: Bools | Indices) -> Iterate:
         """Return the iterate of some of the starts."""
         return Iterate(
             self.state.of(some),
@@ -195,6 +215,17 @@ class Iterate(NamedTuple):
             self.length[some],
             self.gain[some],
             self.steps,
+        )
+
+    def with_others(self, others: Sequence[Iterate]) -> Iterate:
+        """Return the iterate of these starts, then of the others."""
+        every = [self, *others]
+        return Iterate(
+            self.state.with_others([own.state for own in others]),
+            self.before.with_others([own.before for own in others]),
+            np.concatenate([own.length for own in every]),
+            np.concatenate([own.gain for own in every]),
+            max(own.steps for own in every),
         )
 
 
@@ -211,15 +242,42 @@ def begun(rows: Inequalities) -> Iterate:
     return Iterate(state, state, length, gain, steps=0)
 
 
-def descended(iterate: Iterate, arrived: Arrived, most: int | None = None) -> Iterate:
-    """Return the iterate at which every start has arrived or diverged, or after `most` steps."""
+def descended(
+    iterate: Iterate,
+    arrived: Arrived,
+    most: int | None = None,
+    problems: Indices | None = None,
+) -> Iterate:
+    """Return the iterate at which every start has arrived or diverged, or after `most` steps.
+
+    The starts of a problem take their steps until all of them are there, whatever other problems
+    take theirs beside them: a batch gives what each problem alone would.
+
+    Args:
+        iterate: Of all starts.
+        arrived: Which starts need no more steps.
+        most: Number of steps, from the initial guess.
+        problems: The number of each start's problem, `(starts,)`; by default one for all.
+    """
     most = MAX_ITERATIONS if most is None else most
     most = min(most, getattr(iterate.state.rows, "max_iterations", most))
-    while iterate.steps < most:
-        if (arrived(iterate) | iterate.lost).all():
+    left = np.arange(len(iterate.length))  # the starts that are under way
+    places, parts = [], []
+    while True:
+        away = ~(arrived(iterate) | iterate.lost)
+        if iterate.steps >= most or not away.any():
             break
+        if problems is not None and not away.all():
+            waits = np.isin(problems[left], problems[left[away]])
+            if not waits.all():
+                places.append(left[~waits])
+                parts.append(iterate.of(~waits))
+                left, iterate = left[waits], iterate.of(waits)
         iterate = _stepped(iterate)
-    return iterate
+    if not parts:
+        return iterate
+    order = np.argsort(np.concatenate([left, *places]))
+    return iterate.with_others(parts).of(order)
 
 
 def near(iterate: Iterate, gap_rtol: float) -> Bools:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, Literal, NamedTuple, Protocol, TypeVar
@@ -12,17 +13,18 @@ import numpy as np
 from baselines.exact.method import bounds, free_pieces, one_piece
 from baselines.exact.method.free_pieces import FreeOptimum
 from baselines.exact.method.scaled import leave
-from baselines.several_starts import no_start_succeeded, optima_together
+from baselines.several_starts import no_start_succeeded, optima_together, still_wanted
 from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.demand import names
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
+from trajopt.core.resolution import spared
 from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import keeping, keeps, verify
+from trajopt.judging.verification import flaws, keeping, keeps, verify
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
 
@@ -36,6 +38,9 @@ _GIVEN_RTOL = 1e-10
 # Largest possible excess over the optimum, relative, with which the second method is left out.
 _NEAR_RTOL = 1e-4
 _SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
+# Most cells, segments times joints, of the problems that are solved together: with more, tables
+# leave the processor's cache.
+_MOST_CELLS = 4000
 
 
 def without_ipopt(solver: str, problem: Problem, knows: Sequence[str] = ()) -> str | None:
@@ -103,6 +108,66 @@ class SeveralStarts(Planner):
             return Relation.RESTRICTION
         ignores = self.unknown(problem) and self.unknown(SIMPLEST.apply(problem))
         return Relation.RELAXATION if ignores else Relation.SAME
+
+    def solve_many(
+        self, problems: Sequence[Problem], seeds: Sequence[int] | None = None
+    ) -> list[Solution]:
+        """Return one answer per problem, whatever the seeds; problems of one shape are one batch.
+
+        Those are problems from rest to rest without demands and without tiny steps, with the
+        interior-point method. If the first initial guesses do not agree on a problem, or the judge
+        does not certify their motion, it is solved alone, like all others.
+        """
+        answers: list[Solution | None] = [None] * len(problems)
+        alike: dict[Hashable, list[int]] = {}
+        simplest = []
+        for i, problem in enumerate(problems):
+            steps, simple = SIMPLEST.applied(problem)
+            simplest.append((steps, simple))
+            if not simple.demands and self.solver != "ipopt" and not spared(simple).any():
+                alike.setdefault(self.shape(simple), []).append(i)
+        for numbers in alike.values():
+            size = max(1, _MOST_CELLS // cells(simplest[numbers[0]][1]))
+            for first in range(0, len(numbers) if len(numbers) > 1 else 0, size):
+                some = numbers[first : first + size]
+                found = self._together([simplest[i][1] for i in some])
+                for i, solution in zip(some, found, strict=True):
+                    for reduction, asked in reversed(simplest[i][0]):
+                        solution = solution and reduction.invert(asked, solution)
+                    answers[i] = solution
+        return [
+            self.solve(problem) if answer is None else answer
+            for problem, answer in zip(problems, answers, strict=True)
+        ]
+
+    def _together(self, problems: Sequence[Problem]) -> list[Solution | None]:
+        """Return the answers to problems of one shape; None for one that is to be solved alone."""
+        answers: list[Solution | None] = [None] * len(problems)
+        agreed = []
+        for i, (scaled, local) in enumerate(self.first_optima(problems)):
+            if still_wanted(local, self.starts, self.agreeing) <= 0:
+                agreed.append((i, scaled, local))
+        if not agreed:
+            return answers
+        numbers, every, optima = zip(*agreed, strict=True)
+        motions = self.motions(every, [_shortest(local)[0] for local in optima])
+        for i, scaled, local, motion in zip(numbers, every, optima, motions, strict=True):
+            found = self.answered(problems[i], motion, _stats(scaled, local))
+            if found.status is not Status.SOLVED or not flaws(problems[i], motion):
+                answers[i] = found
+        return answers
+
+    def shape(self, problem: Problem) -> Hashable:
+        """Return what problems have in common that can be one batch."""
+        return problem.segments, problem.joints, problem.limits.segments is None
+
+    @abstractmethod
+    def first_optima(self, problems: Sequence[Problem]) -> Iterator[tuple[Any, list[LocalOptimum]]]:
+        """Yield each problem of a batch without units, with the optima of its first guesses."""
+
+    @abstractmethod
+    def motions(self, every: Sequence[Any], optima: Sequence[LocalOptimum]) -> list[Trajectory]:
+        """Return the motions of a batch of problems without units, each of one optimum."""
 
     def announce(self, planner: str, problem: Problem) -> None:
         """Log an estimate of the time that it will take, if that is long."""
@@ -201,11 +266,9 @@ class SeveralStarts(Planner):
         local = [*known, *others]
         if not local:
             return Solution(Status.FAILED, message=no_start_succeeded([]))
-        durations = np.array([optimum.duration for optimum in local])
-        statuses = [optimum.status for optimum in local]
-        stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
-        if not np.isfinite(durations.min()):
-            message = no_start_succeeded(statuses)
+        stats = _stats(scaled, local)
+        if not np.isfinite([optimum.duration for optimum in local]).any():
+            message = no_start_succeeded(stats["start_status"])
             motion = None if self.solver == "ipopt" else unconverged(scaled, local)
             if motion is None:
                 return Solution(Status.FAILED, message=message, stats=stats)
@@ -214,7 +277,7 @@ class SeveralStarts(Planner):
             return replace(found, message="; ".join(filter(None, [found.message, said])))
         # Durations may differ by rounding alone. Where no dilation mends an excess, take the first
         # of these motions that keeps its limits.
-        ties = [own for own in local if own.duration <= durations.min() * (1 + _SAME_RTOL)]
+        ties = _shortest(local)
         answer = scaled.trajectory(ties[0].times, ties[0].states)
         for own in ties[1:] if not scaled.problem.route.dilatable else ():
             if keeping(scaled.problem, answer) is not None:
@@ -241,6 +304,19 @@ class SeveralStarts(Planner):
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
         message = f"{kinds} limits are ignored: {best_known}"
         return Solution(Status.RELAXED, answer, message, stats=stats)
+
+
+def _shortest(local: Sequence[LocalOptimum]) -> list[LocalOptimum]:
+    """Return the optima of the shortest duration, but for rounding."""
+    shortest = min(own.duration for own in local)
+    return [own for own in local if own.duration <= shortest * (1 + _SAME_RTOL)]
+
+
+def _stats(scaled: Reaching, local: Sequence[LocalOptimum]) -> dict[str, Any]:
+    """Return the status and the duration, s, of each start tried."""
+    durations = np.array([optimum.duration for optimum in local])
+    statuses = [optimum.status for optimum in local]
+    return {"start_status": statuses, "start_duration": scaled.unit * durations}
 
 
 def certified(problem: Problem, solution: Solution) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Self
@@ -9,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from baselines.exact.method.pieces import Pieces
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import KEPT_RTOL
 from trajopt.core.trajectory import Trajectory
@@ -20,6 +21,9 @@ BRIEF_PIECE_S = 1e-6
 # Added to the stop time of a first or last segment that begins or ends in motion, in times of
 # braking: the joints may have to stop, to come back, and to speed up again.
 RETURNS = 3.0
+# Tables of a problem, by where the axis for the starts of several problems is: first, or second.
+_OF_SEGMENTS = ("h", "stop", "least")
+_OF_SIDES = ("v", "a", "r", "waypoint_v", "waypoint_a", "end_v", "end_a")
 _KEPT = KEPT_RTOL / 2  # half of what the judge counts as rounding of a limit
 
 
@@ -133,13 +137,7 @@ class Scaled:
             ends: velocities at the segments' ends, `(2 ends, segments, joints)`, from the mean
                 velocity of the segment, over its time.
         """
-        t = times[:, None]
-        first, last = self.h / t + t * ends
-        if self.closed:
-            is_briefer = t < np.roll(t, -1, axis=0)
-            return np.where(is_briefer, last, np.roll(first, -1, axis=0))
-        is_briefer = t[:-1] < t[1:]
-        return np.where(is_briefer, last[:-1], first[1:])
+        return inner_velocities(self.h, times, ends, self.closed)
 
     def motion(self, pieces: Pieces, velocity: Array) -> Trajectory:
         """Return the motion of these pieces, of degree 2 where none has a jerk.
@@ -148,15 +146,82 @@ class Scaled:
             pieces: of every segment, `(pieces, segments, joints)`; some may have no length.
             velocity: at the segments' starts, `(segments, joints)`.
         """
-        j_unit, a_unit, v_unit, _ = self.units
-        lengths = self.unit * pieces.lengths
-        own = Pieces(lengths, a_unit * pieces.start, j_unit * pieces.jerk)
-        cubics = own.integrated(v_unit * velocity)
-        cubics[-1] += self.problem.waypoints[:-1]
-        coefficients = cubics if pieces.jerk.any() else cubics[1:]
-        by_segment = coefficients.transpose(2, 0, 1, 3)
-        seconds = lengths[..., 0].T
-        return Trajectory.of_segments(zip(seconds, by_segment, strict=True))
+        (motion,) = motions([self], pieces, velocity)
+        return motion
+
+
+def motions(every: Sequence[Scaled], pieces: Pieces, velocity: Array) -> list[Trajectory]:
+    """Return what `Scaled.motion` does for problems of one shape, whose segments follow each other.
+
+    Args:
+        every: the problems.
+        pieces: of every segment of every problem, `(pieces, problems · segments, joints)`.
+        velocity: at the segments' starts, `(problems · segments, joints)`.
+    """
+    segments = len(velocity) // len(every)
+    unit = np.repeat([own.unit for own in every], segments)
+    units = np.repeat([own.units for own in every], segments, axis=0)
+    j_unit, a_unit, v_unit, _ = units.transpose(1, 0, 2)
+    lengths = unit[:, None] * pieces.lengths
+    own = Pieces(lengths, a_unit * pieces.start, j_unit * pieces.jerk)
+    cubics = own.integrated(v_unit * velocity)
+    cubics[-1] += np.concatenate([own.problem.waypoints[:-1] for own in every])
+    by_segment = cubics.transpose(2, 0, 1, 3)
+    seconds = lengths[..., 0].T
+    found = []
+    for first in range(0, len(velocity), segments):
+        some = slice(first, first + segments)
+        coefficients = by_segment[some] if pieces.jerk[:, some].any() else by_segment[some, 1:]
+        found.append(Trajectory.of_segments(zip(seconds[some], coefficients, strict=True)))
+    return found
+
+
+def inner_velocities(h: Array, times: Array, ends: Array, closed: bool) -> Array:
+    """Return what `Scaled.velocities` does, of one problem or of several along the first axis."""
+    t = times[..., None]
+    first, last = h / t + t * ends
+    if closed:
+        is_briefer = t < np.roll(t, -1, axis=-2)
+        return np.where(is_briefer, last, np.roll(first, -1, axis=-2))
+    is_briefer = t[..., :-1, :] < t[..., 1:, :]
+    return np.where(is_briefer, last[..., :-1, :], first[..., 1:, :])
+
+
+class Abreast:
+    """Problems without units of one shape, one for each start; a problem may be there repeatedly.
+
+    Attributes as of `Scaled`, with an axis for the starts before that of the segments.
+
+    Args:
+        every: the problem of each start. All have the same number of segments and joints, and the
+            same `closed` and `by_segment`.
+    """
+
+    def __init__(self, every: Sequence[Scaled]) -> None:
+        first = every[0]
+        self.every = every
+        self.closed = first.closed
+        self.by_segment = first.by_segment
+        self.h, self.stop, self.least = (
+            np.array([getattr(own, name) for own in every]) for name in _OF_SEGMENTS
+        )
+        self.v, self.a, self.r, self.waypoint_v, self.waypoint_a, self.end_v, self.end_a = (
+            np.stack([getattr(own, name) for own in every], axis=1) for name in _OF_SIDES
+        )
+
+    def of(self, some: Bools | Indices) -> Abreast:
+        """Return the problems of some of the starts."""
+        own = copy(self)
+        own.every = [self.every[i] for i in np.arange(len(self.every))[some]]
+        for name in _OF_SEGMENTS:
+            setattr(own, name, getattr(self, name)[some])
+        for name in _OF_SIDES:
+            setattr(own, name, getattr(self, name)[:, some])
+        return own
+
+    def with_others(self, others: Sequence[Abreast]) -> Abreast:
+        """Return the problems of these starts, then of the others."""
+        return Abreast([scaled for own in (self, *others) for scaled in own.every])
 
 
 def leave(scaled: Scaled, share: float) -> None:

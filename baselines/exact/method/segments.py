@@ -154,7 +154,7 @@ class Segments(NamedTuple):
             mended = mended._replace(start=start, jerk=jerk)
         return mended, np.asarray((use <= self.most).all(axis=1))
 
-    def thinned(self, pieces: Pieces, close: Array, brief: float) -> Pieces:
+    def thinned(self, pieces: Pieces, close: Array, brief: Array | float) -> Pieces:
         """Return the pieces without breaks that are close to another, where the limits are kept.
 
         In each segment the break with the least distance is tried first. After each removal all
@@ -163,8 +163,9 @@ class Segments(NamedTuple):
         Args:
             pieces: corrected or not; those that are returned are corrected.
             close: breaks at a smaller distance are tried, `(segments,)`.
-            brief: to remove a piece that takes less, a linear program is tried too.
+            brief: to remove a piece that takes less, a linear program is tried too, `(segments,)`.
         """
+        brief = np.broadcast_to(brief, close.shape)
         every = np.arange(len(close))
         pieces, _ = self.kept(pieces, np.full(len(close), True))
         pieces = pieces._replace(lengths=pieces.lengths.copy())
@@ -187,7 +188,7 @@ class Segments(NamedTuple):
                 return pieces
             place = closest[tried]
             joined = pieces.of(tried).joined(place, self.jerky)
-            fewer, keeps = self.of(tried).kept(joined, least[tried] < brief)
+            fewer, keeps = self.of(tried).kept(joined, least[tried] < brief[tried])
             gone = tried[keeps]
             for table, changed in zip(pieces, fewer, strict=True):
                 table[:, gone] = changed[:, keeps]

@@ -152,8 +152,8 @@ def test_what_stays_beyond_takes_a_bounded_time(monkeypatch):
     """So many Newton steps at most, and no longer than a motion that rests at every waypoint."""
     steps = []
 
-    def counted(*arguments):
-        found = descended(*arguments)
+    def counted(*arguments, **keywords):
+        found = descended(*arguments, **keywords)
         steps.append(found.steps)
         return found
 

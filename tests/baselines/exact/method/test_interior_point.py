@@ -12,7 +12,7 @@ from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.planner import Exact, Passing, starting_points
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables, JerkUnknowns
 from baselines.exact.method import crossover, interior_point
-from baselines.exact.method.scaled import Scaled
+from baselines.exact.method.scaled import Abreast, Scaled
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import families
 from trajopt.benchmark.suites.catalogue import load
@@ -22,7 +22,7 @@ from trajopt.benchmark.suites.random import random_problem
 def duration(problem: Problem) -> float:
     """The optimum from the first start, s, without crossover."""
     scaled = Passing(problem)
-    cells = AccelerationTables(scaled, starts=1)
+    cells = AccelerationTables(Abreast([scaled]))
     ((times, velocities, _),) = starting_points(scaled, 1)
     point = cells.start(times[None], velocities[None])
     iterate = interior_point.begun(AccelerationInequalities(cells, point))
@@ -83,7 +83,7 @@ def started(problem: Problem) -> AccelerationInequalities:
     scaled = Passing(problem)
     ((times, velocities, _),) = starting_points(scaled, 1)
     moved = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
-    cells = AccelerationTables(scaled, starts=2)
+    cells = AccelerationTables(Abreast([scaled] * 2))
     return AccelerationInequalities(cells, cells.start(np.stack([times, 0.9 * times]), moved))
 
 
@@ -170,7 +170,7 @@ def along(point: JerkUnknowns, cells: JerkTables, step: np.ndarray) -> JerkUnkno
         brief = k if log[k] < log[k + 1] else k + 1
         own = end[k] if brief == k else start[k + 1]
         t = times[brief]
-        velocities.append(cells.h[brief] / t + t * (own + of_velocity))
+        velocities.append(cells.h[0, brief] / t + t * (own + of_velocity))
         accelerations.append(before + of_acceleration)
     states = np.reshape([velocities, accelerations], (2, 1, -1, 3))
     return cells.linked(times[None], *states)
@@ -199,7 +199,7 @@ def test_the_worked_example_of_crossover() -> None:
     """docs/implementation-notes.md: which inequality keeps what in a step, and what is left."""
     problem = Problem([[0.0], [1.0], [2.0]], Limits([5.0], [1.0]))
     scaled = Passing(problem)
-    tables = AccelerationTables(scaled, starts=1)
+    tables = AccelerationTables(Abreast([scaled]))
     ((times, velocities, _),) = starting_points(scaled, 1)
     start = AccelerationInequalities(tables, tables.start(times[None], velocities[None]))
     iterate = interior_point.descended(interior_point.begun(start), crossover.ATTEMPTS[0])
