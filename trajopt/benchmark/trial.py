@@ -323,13 +323,15 @@ class Answers:
     """The answers of a planner to one call, a solution per seed, and the time they took.
 
     `relation` is how they relate to the optimum. `loading_time` went into importing what the
-    planner requires, `wall_time` into the call, both in seconds.
+    planner requires, `wall_time` into the call, both in seconds. `together` is how many runs were
+    solved in that call, where problems were solved together; 0 for these alone.
     """
 
     solutions: Sequence[Solution]
     relation: Relation
     loading_time: float = 0.0
     wall_time: float = 0.0
+    together: int = 0
 
     def instead(self, solution: Solution) -> Answers:
         """Return the answers with one solution in place of each."""
@@ -381,6 +383,32 @@ def answered(planner: Planner, problem: Problem, seeds: Sequence[int]) -> Answer
     return Answers(solutions, _relation(planner, problem), loading_time, wall_time)
 
 
+def answered_many(
+    planner: Planner, problems: Sequence[Problem], seeds: Sequence[int]
+) -> list[Answers]:
+    """Run a planner on several problems together, each with a seed of its own.
+
+    Raises:
+        Exception: Whatever it raises. Which of the problems it failed on is not known.
+    """
+    loading_time = load_required(planner.requires)
+    began = time.perf_counter()
+    found = planner.solve_many(problems, seeds)
+    if not isinstance(found, list | tuple) or len(found) != len(problems):
+        raise TypeError(f"solve_many must return one Solution per problem, got {found!r:.200}")
+    wall_time = time.perf_counter() - began
+    return [
+        Answers(
+            [well_formed(solution)],
+            _relation(planner, problem),
+            loading_time,
+            wall_time,
+            len(problems),
+        )
+        for problem, solution in zip(problems, found, strict=True)
+    ]
+
+
 def judged(
     entrant: Entrant,
     problem: Problem,
@@ -391,20 +419,21 @@ def judged(
 ) -> list[Trial]:
     """Return the judged trials of answers, one per seed; they are verified on `problem`."""
     trials = []
+    runs = answers.together or len(seeds)
     for seed, solution in zip(seeds, answers.solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
         stated = solution.setup_time
-        building_time = stated / len(seeds) if stated <= answers.wall_time else 0.0
-        solve_time = answers.wall_time / len(seeds) - building_time
+        building_time = stated / runs if stated <= answers.wall_time else 0.0
+        solve_time = answers.wall_time / runs - building_time
         blank = unanswered(entrant, problem, seed, status, message, limits)
         trial = replace(
             blank,
             relation=answers.relation,
             solution=solution,
             certificate=certificate,
-            setup_time=building_time + answers.loading_time / len(seeds),
+            setup_time=building_time + answers.loading_time / runs,
             solve_time=max(0.0, solve_time),
-            batch=len(seeds),
+            batch=runs,
             started=started,
         )
         trials.append(trial)

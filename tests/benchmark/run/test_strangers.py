@@ -22,7 +22,7 @@ from trajopt import (
     plan,
 )
 from trajopt.benchmark.run import runner, server
-from trajopt.benchmark.run.profile import Profile
+from trajopt.benchmark.run.profile import _FLAGS, Profile
 from trajopt.benchmark.run.runner import profiled
 from trajopt.benchmark.run.tasks import Allowance
 from trajopt.benchmark.store.folder import read
@@ -259,7 +259,7 @@ def test_a_description_that_no_planner_gives_is_refused(file, change):
         "missing": None,
         "refusals": {},
         "relations": {},
-    } | dict.fromkeys(("stochastic", "may_be_stochastic", "batched", "on_request"), False)
+    } | dict.fromkeys(_FLAGS, False)
     assert Profile.read(json.dumps(table).encode(), spec).entrant.name == "P"
     with pytest.raises(TrajoptError):
         Profile.read(json.dumps(table | change).encode(), spec)

@@ -216,7 +216,23 @@ def files(where: Path | None = None) -> list[Path]:
 def file_of(problem: Problem, where: Path | None = None) -> Path | None:
     """Return the file of a problem's record, or None."""
     place = where or folder()
-    return next(place.rglob(f"*{ending(problem)}"), None)
+    if not place.is_dir():
+        return None
+    inner = _folders(place, place.stat().st_mtime_ns)
+    stamps = tuple((own, own.stat().st_mtime_ns) for own in (place, *inner))
+    return _by_ending(stamps).get(ending(problem))
+
+
+@lru_cache(maxsize=8)
+def _folders(place: Path, changed: int) -> list[Path]:
+    return sorted(own for own in place.iterdir() if own.is_dir())
+
+
+@lru_cache(maxsize=8)
+def _by_ending(folders: tuple[tuple[Path, int], ...]) -> dict[str, Path]:
+    """Return the records' files in some folders, by the endings of their names."""
+    found = [file for folder, _ in reversed(folders) for file in folder.glob("*.json")]
+    return {"".join(file.suffixes[-2:]): file for file in found}
 
 
 def find(problem: Problem, where: Path | None = None) -> Record | None:

@@ -8,7 +8,7 @@ It has no times, since the judge measures them.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from trajopt.benchmark.store.document import packed_solution, solution_of
@@ -20,6 +20,7 @@ from trajopt.planners.planner import Relation
 MAX_MESSAGE_BYTES = 2**26
 TOO_LARGE = f"its answer is larger than {MAX_MESSAGE_BYTES >> 20} MiB"
 TOO_MANY = f"its answer has more than {MAX_VALUES} values"
+NONE = b"{}"  # in place of the answers to several problems: they are to be asked one by one
 _MARKS = (b",", b"[", b"{")  # one of these precedes every value but the first
 
 
@@ -37,6 +38,13 @@ def packed(answers: Answers) -> bytes:
     return message
 
 
+def packed_many(every: Sequence[Answers]) -> bytes:
+    """Return the answers to several problems as a message, or `NONE` where that is too large."""
+    message = b"[" + b",".join(packed(own) for own in every) + b"]"
+    too_large = len(message) > MAX_MESSAGE_BYTES or _values(message) > MAX_VALUES
+    return NONE if too_large else message
+
+
 def _values(message: bytes) -> int:
     """Return an upper bound on the number of values in a message, which need memory each."""
     return sum(message.count(mark) for mark in _MARKS)
@@ -49,9 +57,21 @@ def unpacked(message: bytes, count: int) -> Answers:
         Exception: The message was not made by `packed`, or has not `count` answers. Its author is
             not trusted, so any exception is possible.
     """
+    return _answers(_read(message), count)
+
+
+def unpacked_many(message: bytes, counts: Sequence[int]) -> list[Answers]:
+    """Return the answers of a message of `packed_many`; raises as `unpacked` does."""
+    return [_answers(own, count) for own, count in zip(_read(message), counts, strict=True)]
+
+
+def _read(message: bytes) -> Any:
     if _values(message) > MAX_VALUES:
         raise ValueError(TOO_MANY)
-    table = strict_json(message.decode())
+    return strict_json(message.decode())
+
+
+def _answers(table: Any, count: int) -> Answers:
     solutions = [solution_of(row) for row in table["solutions"]]
     if len(solutions) != count:
         raise ValueError(f"expected {count} answers, found {len(solutions)}")

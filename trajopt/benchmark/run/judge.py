@@ -43,6 +43,7 @@ _CHUNK_BYTES = 1 << 16  # bytes read at once
 _TAIL_BYTES = 4096  # bytes of a planner's output that are kept
 _TAIL_LINES = 10
 _MEMORY_INTERVAL_S = 0.1  # between two measurements of the memory in use
+_NO_MEMORY_TO_VERIFY = "verifying it took more memory than there is"
 _EMPTY_QUESTIONS = 3  # number of empty questions; the shortest time is that of asking
 
 
@@ -62,6 +63,16 @@ class Request:
     store: Store
     allowed: Allowance
     digest: str = ""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A request to a judge: requests of one planner, each with one seed, answered together.
+
+    Where that gives no answer in the time of one trial, each is answered alone.
+    """
+
+    requests: tuple[Request, ...]
 
 
 @dataclass(frozen=True)
@@ -119,11 +130,13 @@ def serve(link: socket.socket) -> NoReturn:
 
 
 def _served(
-    bench: _Bench, request: Request | Inquiry
+    bench: _Bench, request: Request | Joint | Inquiry
 ) -> list[Written] | bytes | Ending | JudgeError:
     try:
         if isinstance(request, Inquiry):
             return bench.inquire(request)
+        if isinstance(request, Joint):
+            return bench.serve_together(request)
         return bench.serve(request)
     except Exception as error:
         with suppress(Exception):
@@ -255,28 +268,62 @@ class _Bench:
     def serve(self, request: Request) -> list[Written]:
         """Ask the planner, verify its answers and store the trials."""
         started = now()
-        reply, loading_time, wall_time = self._timed(request)
+        question = solver.Solve(request.problem, request.seeds)
+        reply, loading_time, wall_time = self._timed(request, question)
         printed = self._printed()
         if isinstance(reply, Ending):
             self._clear()
             return record(request, reply.status, _with_output(reply.message, printed))
         try:
-            try:
-                answers = answer.unpacked(reply, len(request.seeds))
-            except MemoryError:
-                raise
-            except Exception as error:
-                self._clear()
-                wrong = f"its process answered what no planner can: {type(error).__name__}"
-                message = _with_output(f"{wrong}: {error}"[:_TAIL_BYTES], printed)
-                return record(request, Status.CRASHED, message)
-            solutions = [_explained(solution, printed) for solution in answers.solutions]
-            timed = Answers(solutions, answers.relation, loading_time, wall_time)
-            return judge_here(request, timed, started)
+            answers = answer.unpacked(reply, len(request.seeds))
         except MemoryError:
-            return record(request, Status.CRASHED, "verifying it took more memory than there is")
+            return record(request, Status.CRASHED, _NO_MEMORY_TO_VERIFY)
+        except Exception as error:
+            self._clear()
+            wrong = f"its process answered what no planner can: {type(error).__name__}"
+            message = _with_output(f"{wrong}: {error}"[:_TAIL_BYTES], printed)
+            return record(request, Status.CRASHED, message)
+        timed = replace(answers, loading_time=loading_time, wall_time=wall_time)
+        return self._judged(request, timed, started, printed)
 
-    def _timed(self, request: Request) -> tuple[bytes | Ending, float, float]:
+    def _judged(
+        self, request: Request, answers: Answers, started: str, printed: str
+    ) -> list[Written]:
+        solutions = [_explained(solution, printed) for solution in answers.solutions]
+        try:
+            return judge_here(request, replace(answers, solutions=solutions), started)
+        except MemoryError:
+            return record(request, Status.CRASHED, _NO_MEMORY_TO_VERIFY)
+
+    def serve_together(self, joint: Joint) -> list[Written]:
+        """Ask the planner for all answers at once; where it gives none, for one after the other.
+
+        So a problem on which it hangs or crashes costs the others nothing but that time.
+        """
+        started = now()
+        requests = joint.requests
+        problems = [own.problem for own in requests]
+        question = solver.SolveMany(problems, [seed for own in requests for seed in own.seeds])
+        reply, loading_time, wall_time = self._timed(requests[0], question)
+        printed = self._printed()
+        try:
+            counts = [len(own.seeds) for own in requests]
+            every = [] if isinstance(reply, Ending) else answer.unpacked_many(reply, counts)
+        except Exception:  # it crashed in its process, or answered what no planner can
+            every = []
+        if not every:
+            if isinstance(reply, Ending):
+                self._clear()
+            return [written for own in requests for written in self.serve(own)]
+        found = []
+        for request, own in zip(requests, every, strict=True):
+            timed = Answers(own.solutions, own.relation, loading_time, wall_time, len(requests))
+            found += self._judged(request, timed, started, printed)
+        return found
+
+    def _timed(
+        self, request: Request, question: solver.Solve | solver.SolveMany
+    ) -> tuple[bytes | Ending, float, float]:
         """Return the answer, or how the process ended, and the times to load and to solve, s.
 
         Both are measured here, less the time of an empty question.
@@ -301,7 +348,7 @@ class _Bench:
                 reply, seconds = asked(solver.Empty())
                 times.append(seconds)
             self._asking_time = min(times)
-        reply, wall_time = asked(solver.Solve(request.problem, request.seeds))
+        reply, wall_time = asked(question)
         loading_time, wall_time = (
             max(0.0, seconds - self._asking_time) for seconds in (loading_time, wall_time)
         )

@@ -23,7 +23,7 @@ from trajopt.core.problem import Problem
 from trajopt.planners import registry
 from trajopt.planners.planner import Planner, Relation
 
-_FLAGS = ("stochastic", "may_be_stochastic", "batched", "on_request")
+_FLAGS = ("stochastic", "may_be_stochastic", "batched", "takes_many", "on_request")
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Profile:
     Attributes:
         entrant: Its name, label, options and code.
         source: What makes it: its spec, or the object itself.
-        stochastic, may_be_stochastic, batched, on_request: As of a `Planner`.
+        stochastic, may_be_stochastic, batched, takes_many, on_request: As of a `Planner`.
         description: One line.
         knows: Kinds of limits that it plans for.
         demands: Demands on the way that it plans for.
@@ -47,6 +47,7 @@ class Profile:
     stochastic: bool
     may_be_stochastic: bool
     batched: bool
+    takes_many: bool
     on_request: bool
     description: str
     knows: Sequence[str]
@@ -96,6 +97,7 @@ class Profile:
             stochastic=table["stochastic"] is True,
             may_be_stochastic=table["may_be_stochastic"] is True,
             batched=table["batched"] is True,
+            takes_many=table["takes_many"] is True,
             on_request=table["on_request"] is True,
             description=_line(table["description"]),
             knows=[key for key in KINDS if key in table["knows"]],

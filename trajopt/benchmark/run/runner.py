@@ -9,11 +9,12 @@ import platform
 import socket
 import time
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor
 from concurrent.futures import wait as wait_for
 from contextlib import closing, suppress
 from dataclasses import replace
+from itertools import islice
 from math import inf
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -27,16 +28,26 @@ from trajopt.benchmark.run import answer, dask, server
 from trajopt.benchmark.run.judge import (
     Ending,
     Inquiry,
+    Joint,
     JudgeError,
     Request,
     judge_here,
     record,
 )
+from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.solver import Describe, Surroundings
-from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task, missing
+from trajopt.benchmark.run.tasks import HAS_JUDGES, OWN_PROCESS, Allowance, Task, missing, together
 from trajopt.benchmark.store.folder import Store, Written
-from trajopt.benchmark.trial import Configuration, Trial, answered, copied, now
+from trajopt.benchmark.trial import (
+    Answers,
+    Configuration,
+    Trial,
+    answered,
+    answered_many,
+    copied,
+    now,
+)
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput, TrajoptError, WorkerError
 from trajopt.core.limits import KINDS
@@ -77,13 +88,25 @@ def run(
 
 def here(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
     """Run the tasks in this process, unsupervised."""
-    for task in tasks:
+    for group in together(tasks, 1):
         started = now()
-        answers = answered(task.profile.planner, copied(task.problem), task.seeds)
-        plain = answer.unpacked(answer.packed(answers), len(task.seeds))
-        timed = replace(plain, loading_time=answers.loading_time, wall_time=answers.wall_time)
-        request = _request(task, b"", store, allowed)
-        yield Finished(task, judge_here(request, timed, started))
+        for task, answers in zip(group, _answers(group), strict=True):
+            plain = answer.unpacked(answer.packed(answers), len(task.seeds))
+            timed = replace(answers, solutions=plain.solutions, relation=plain.relation)
+            request = _request(task, b"", store, allowed)
+            yield Finished(task, judge_here(request, timed, started))
+
+
+def _answers(group: Sequence[Task]) -> Iterator[Answers]:
+    """Yield the answers to tasks of one planner, asked together if it takes many."""
+    planner = group[0].profile.planner
+    if len(group) > 1:
+        problems = [copied(task.problem) for task in group]
+        with suppress(Exception, SystemExit):  # asked one by one, the crash is recorded
+            yield from answered_many(planner, problems, [task.seeds[0] for task in group])
+            return
+    for task in group:
+        yield answered(planner, copied(task.problem), task.seeds)
 
 
 def in_children(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
@@ -97,7 +120,7 @@ class Judges:
 
     def __init__(self) -> None:
         self._idle: list[_Judge] = []
-        self._busy: dict[_Judge, tuple[Task, Request]] = {}
+        self._busy: dict[_Judge, Asked] = {}
 
     def run(self, tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
         """Run `allowed.jobs` tasks at a time."""
@@ -105,33 +128,37 @@ class Judges:
         busy = self._busy
         while waiting or busy:
             while waiting and len(busy) < allowed.jobs:
-                task, request = waiting.popleft()
-                judge = self._for(request, allowed.jobs)
-                busy[judge] = task, request
-                judge.ask(request)
+                asked = waiting.popleft()
+                judge = self._for(asked.request, allowed.jobs)
+                busy[judge] = asked
+                judge.ask(asked.request)
             first = min(judge.deadline for judge in busy)
             left = None if first == inf else max(0.0, first - time.monotonic())
             ready = wait([judge.link for judge in busy], left)
             late = time.monotonic()
             for judge in [own for own in busy if own.link in ready or own.deadline <= late]:
-                task, request = busy[judge]
+                asked = busy[judge]
                 done = judge.answer()
                 del busy[judge]
                 if isinstance(done, list):
                     self._idle.append(judge)
                 else:
                     judge.end()
-                yield Finished(task, _or_lost(done, request))
+                    if len(asked.tasks) > 1:  # one of them cost the others nothing but time
+                        waiting.extendleft(reversed(asked.alone()))
+                        continue
+                yield from asked.finished(done)
 
-    def _for(self, request: Request, jobs: int) -> _Judge:
+    def _for(self, request: Request | Joint, jobs: int) -> _Judge:
         """Return the idle judge of a planner, or a new one in place of an idle one of another."""
+        source = _source(request)
         for judge in self._idle:
-            if judge.source == request.source:
+            if judge.source == source:
                 self._idle.remove(judge)
                 return judge
         if len(self._idle) + len(self._busy) >= jobs:
             self._idle.pop(0).end()
-        return _Judge(request.source)
+        return _Judge(source)
 
     def close(self) -> None:
         """End all judges, and what they still run."""
@@ -148,15 +175,15 @@ def on_executor(
         WorkerError: The executor has lost its workers, or one of them judges by other code.
     """
     tasks_of = {}
-    for task, request in _requests(tasks, store, allowed):
-        tasks_of[executor.submit(supervised, request)] = task
+    for asked in _requests(tasks, store, allowed):
+        tasks_of[executor.submit(supervised, asked.request)] = asked
     look = dask.watch(executor)
     left = set(tasks_of)
     try:
         while left:
             done, left = wait_for(left, _LOOK_INTERVAL_S, FIRST_COMPLETED)
             for future in done:
-                yield Finished(tasks_of[future], future.result())
+                yield from tasks_of[future].finished(future.result())
             if not done:
                 look()
     except (CancelledError, BrokenExecutor) as error:
@@ -166,20 +193,22 @@ def on_executor(
             future.cancel()
 
 
-def supervised(request: Request) -> list[Written]:
+def supervised(request: Request | Joint) -> list[Written]:
     """Run a request under a judge of this process, which is an executor's worker.
 
     Raises:
         WorkerError: The worker's installation judges by other code than the run's.
     """
-    if judge_digest(request.problem) != request.digest:
+    parts = request.requests if isinstance(request, Joint) else (request,)
+    if any(judge_digest(part.problem) != part.digest for part in parts):
         raise WorkerError(
             f"a worker on {platform.node()} has another version of trajopt than this run; install "
             "the same there"
         )
+    source = _source(request)
     own = _idle.setdefault(os.getpid(), [])
-    known = [judge for judge in own if judge.source == request.source]
-    judge = known[0] if known else _Judge(request.source)
+    known = [judge for judge in own if judge.source == source]
+    judge = known[0] if known else _Judge(source)
     if known:
         own.remove(judge)
     judge.ask(request)
@@ -190,7 +219,9 @@ def supervised(request: Request) -> list[Written]:
         judge.end()
     while len(own) > _MAX_IDLE:
         own.pop(0).end()
-    return _or_lost(done, request)
+    if isinstance(request, Joint) and not isinstance(done, list):
+        return [written for part in parts for written in supervised(part)]
+    return _or_lost(done, parts[0])
 
 
 def profiled(contestant: object, problems: Sequence[Problem], allowed: Allowance) -> Profile:
@@ -275,7 +306,7 @@ class _Judge:
         environment = {**here.environment, **server.SINGLE_THREADED}
         pickle.dump(replace(here, environment=environment), self._stream)
 
-    def ask(self, request: Request | Inquiry) -> None:
+    def ask(self, request: Request | Joint | Inquiry) -> None:
         """Send a request."""
         message = pickle.dumps(request)
         self.deadline = time.monotonic() + _patience(request)
@@ -325,11 +356,19 @@ def _end_idle() -> None:
         judge.end()
 
 
-def _patience(request: Request | Inquiry) -> float:
+def _patience(request: Request | Joint | Inquiry) -> float:
     """Return how long a judge may take to answer, s: to ask, and to judge."""
+    if isinstance(request, Joint):
+        own = request.requests[0].allowed.timeout  # together, before each is asked alone
+        return own + sum(map(_patience, request.requests))
     count = len(request.seeds) if isinstance(request, Request) else 1
     asking = request.allowed.timeout * count
     return asking + max(MIN_JUDGING_TIMEOUT_S, asking)
+
+
+def _source(request: Request | Joint) -> str | bytes:
+    """Return what makes the planner of a request."""
+    return (request.requests[0] if isinstance(request, Joint) else request).source
 
 
 def _or_lost(done: list[Written] | bytes | Ending, request: Request) -> list[Written]:
@@ -339,10 +378,30 @@ def _or_lost(done: list[Written] | bytes | Ending, request: Request) -> list[Wri
     return done
 
 
-def _requests(
-    tasks: Sequence[Task], store: Store, allowed: Allowance
-) -> deque[tuple[Task, Request]]:
-    """Return a request for each task: single runs, whose answers come at once, then the longest.
+class Asked(NamedTuple):
+    """Tasks that are asked together, and the request of each."""
+
+    tasks: Sequence[Task]
+    requests: tuple[Request, ...]
+
+    @property
+    def request(self) -> Request | Joint:
+        return self.requests[0] if len(self.requests) == 1 else Joint(self.requests)
+
+    def alone(self) -> list[Asked]:
+        """Return each task alone."""
+        pairs = zip(self.tasks, self.requests, strict=True)
+        return [Asked([task], (request,)) for task, request in pairs]
+
+    def finished(self, done: list[Written] | bytes | Ending) -> Iterator[Finished]:
+        """Yield each task with what was written of it."""
+        written = iter(_or_lost(done, self.requests[0]))
+        for task in self.tasks:
+            yield Finished(task, list(islice(written, len(task.seeds))))
+
+
+def _requests(tasks: Sequence[Task], store: Store, allowed: Allowance) -> deque[Asked]:
+    """Return the requests: single runs, whose answers come at once, then the longest.
 
     Requests of one planner are neighbours: a judge keeps the planner's process.
     """
@@ -355,10 +414,13 @@ def _requests(
     def rank(task: Task) -> tuple[bool, int, int]:
         return len(task.seeds) > 1, -len(task.seeds), turns.index(id(task.profile))
 
-    return deque(
-        (task, _request(task, made[id(task.profile)], store, allowed))
-        for task in sorted(tasks, key=rank)
-    )
+    def asked(group: Sequence[Task]) -> Asked:
+        sources = [made[id(task.profile)] for task in group]
+        pairs = zip(group, sources, strict=True)
+        return Asked(group, tuple(_request(task, own, store, allowed) for task, own in pairs))
+
+    groups = together(sorted(tasks, key=rank), allowed.jobs or cpus())
+    return deque(asked(group) for group in groups)
 
 
 def _pickled(profile: Profile) -> str | bytes:

@@ -21,7 +21,14 @@ from typing import NoReturn, TextIO
 import cloudpickle
 
 from trajopt.benchmark.run import answer, processes, profile
-from trajopt.benchmark.trial import OUT_OF_MEMORY, Answers, answered, crash, load_required
+from trajopt.benchmark.trial import (
+    OUT_OF_MEMORY,
+    Answers,
+    answered,
+    answered_many,
+    crash,
+    load_required,
+)
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.planners import registry
@@ -68,7 +75,15 @@ class Solve:
     seeds: Sequence[int]
 
 
-Question = Describe | Load | Empty | Solve
+@dataclass(frozen=True)
+class SolveMany:
+    """A question: what does the loaded planner answer to these problems, each with its seed?"""
+
+    problems: Sequence[Problem]
+    seeds: Sequence[int]
+
+
+Question = Describe | Load | Empty | Solve | SolveMany
 
 
 @dataclass(frozen=True)
@@ -189,7 +204,17 @@ class _Solving:
             self._planner = _loaded(question.source)
         if isinstance(question, Solve):
             return self._solved(question)
+        if isinstance(question, SolveMany):
+            return self._solved_together(question)
         return b"{}"
+
+    def _solved_together(self, question: SolveMany) -> bytes:
+        """Return the answers to several problems; none where the planner fails on any."""
+        if isinstance(self._planner, Planner):
+            with suppress(Exception, SystemExit):
+                every = answered_many(self._planner, question.problems, question.seeds)
+                return answer.packed_many(every)
+        return answer.NONE
 
     def _solved(self, question: Solve) -> bytes:
         lost = self._planner

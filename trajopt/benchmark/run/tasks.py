@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import warnings
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -22,6 +23,10 @@ IN_PROCESS = "nothing: all in one process"
 OWN_PROCESS = "a process of the planner's own, judged in another"
 
 MAX_BATCH_SEEDS = 30  # solved together: enough to be fast, and few to lose when a process dies
+# Problems solved together: enough to be fast, few to begin again, and so small, in segments times
+# joints, that they take seconds.
+MAX_TOGETHER = 100
+MAX_CELLS_TOGETHER = 4000
 
 
 @dataclass(frozen=True)
@@ -156,3 +161,33 @@ def missing(task: Task, done: set[str]) -> Iterator[Task]:
     for start in range(0, len(seeds), size):
         batch = seeds[start : start + size]
         yield replace(task, seeds=tuple(batch))
+
+
+def together(tasks: Sequence[Task], jobs: int) -> list[list[Task]]:
+    """Return the tasks in groups: those of one planner and one shape that it solves together.
+
+    Args:
+        tasks: In the order in which they run.
+        jobs: How many groups run side by side: none is so large that others have none.
+    """
+    groups: dict[object, list[list[Task]]] = {}
+    alike = Counter(_alike(task) for task in tasks)
+    for task in tasks:
+        key = _alike(task)
+        if key is None:
+            groups.setdefault(id(task), []).append([task])
+            continue
+        cells = max(1, task.problem.segments * task.problem.joints)
+        most = min(MAX_TOGETHER, MAX_CELLS_TOGETHER // cells, -(-alike[key] // max(jobs, 1)))
+        own = groups.setdefault(key, [])
+        if not own or len(own[-1]) >= most:
+            own.append([])
+        own[-1].append(task)
+    return [group for own in groups.values() for group in own]
+
+
+def _alike(task: Task) -> object:
+    """Return what tasks of one group have in common; None for one that runs alone."""
+    if not task.profile.takes_many or len(task.seeds) > 1:
+        return None
+    return id(task.profile), task.problem.waypoints.shape
