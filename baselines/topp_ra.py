@@ -256,8 +256,8 @@ def along(
     scale = sampled_dilation(known, trajectory)
     if problem.limits.segments is not None:  # every waypoint is a gridpoint
         trajectory = trajectory.refined(trajectory.waypoint_times)
-    trajectory = _straightened(trajectory)
-    trajectory = _reversed(_straightened(_reversed(trajectory)))
+    trajectory = straightened(trajectory)
+    trajectory = backwards(straightened(backwards(trajectory)))
     speeds = _end_speeds(problem, trajectory)
     if isinstance(speeds, str):
         return Solution(Status.UNSUPPORTED, message=speeds)
@@ -395,8 +395,8 @@ def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
     return replace(best, stats=stats)
 
 
-def _straightened(path: Trajectory) -> Trajectory:
-    """Turn a first piece `q0 + d s^m`, `m ≥ 3`, into a line; the slope at its end stays."""
+def straightened(path: Trajectory, least: int = 3) -> Trajectory:
+    """Turn a first piece `q0 + d s^m`, `m ≥ least`, into a line; the slope at its end stays."""
     length = path.breaks[1]
     first = path.coefficients[:, 0]
     piece = polynomials.stretched(first, length)
@@ -404,7 +404,7 @@ def _straightened(path: Trajectory) -> Trajectory:
     sizes = curved.max(axis=1)
     present = sizes > _STRAIGHT_RTOL * sizes.max()
     powers = len(sizes) - np.flatnonzero(present)
-    if len(powers) != 1 or powers[0] < 3:
+    if len(powers) != 1 or powers[0] < least:
         return path
 
     # the line has the slope at the curve's end, m d s^(m−1), so it is m times shorter
@@ -427,7 +427,7 @@ def _straightened(path: Trajectory) -> Trajectory:
     return Trajectory(breaks, coefficients, times)
 
 
-def _reversed(path: Trajectory) -> Trajectory:
+def backwards(path: Trajectory) -> Trajectory:
     """Reverse a path."""
     lengths = np.diff(path.breaks)
     ends = polynomials.shifted(path.coefficients, lengths[:, None])
@@ -610,10 +610,7 @@ def timed(grid: PathGrid, speeds: Array, waypoints: Array) -> Trajectory:
     linear = 2 * before / sums
     square = 1 - linear
     inner = np.stack([square, linear, np.zeros_like(linear)])[..., None]
-    composed = grid.local[:1]
-    for row in grid.local[1:]:
-        composed = polynomials.product(composed, inner)
-        composed[-1] += row
+    composed = polynomials.composed(grid.local, inner)
 
     # to a waypoint inside a step: 2 (s − s_i)/(v_i + v(s)), v² being linear in s
     inner = grid.at[1:-1]

@@ -70,6 +70,15 @@ def product(left: Array, right: Array) -> Array:
     return result
 
 
+def composed(outer: Array, inner: Array) -> Array:
+    """The polynomials `outer(inner(t))`, whose remaining indices broadcast."""
+    result = outer[:1] + 0.0 * inner[:1]
+    for row in outer[1:]:
+        result = product(result, inner)
+        result[-1] += row
+    return result
+
+
 def stretched(coefficients: Array, length: Array | float) -> Array:
     """Coefficients of `p(length · s)`: a piece in local time, moved to the unit interval."""
     length = np.asarray(length, dtype=float)

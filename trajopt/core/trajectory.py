@@ -332,13 +332,9 @@ class Trajectory:
         # Each piece of s(t) lies within one piece of the path: that of its middle.
         middle = s(s.breaks[:-1] + 0.5 * s.lengths)[:, 0]
         after = np.searchsorted(outer.breaks[1:-1], middle, side="right")
-        # s(t) since that piece's start, and Horner's rule with it in place of a number.
-        local = np.array(s.coefficients)
+        local = np.array(s.coefficients)  # s(t) since that piece's start
         local[-1, :, 0] -= outer.breaks[after]
-        result = outer.coefficients[:1, after]
-        for row in outer.coefficients[1:, after]:
-            result = polynomials.product(result, local)
-            result[-1] += row
+        result = polynomials.composed(outer.coefficients[:, after], local)
         return cls._of_pieces(PiecewisePolynomial(s.breaks, result), waypoint_times)
 
     @classmethod

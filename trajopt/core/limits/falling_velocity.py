@@ -97,6 +97,16 @@ class FallingVelocity(FieldsLimit):
             yield Row(above, high=0.0, leaving=Row(v, high=0.0))
             yield Row(below, high=0.0, leaving=Row(v, low=0.0))
 
+    def path_rows(self, at: JointState) -> Iterator[Row]:
+        """Yield the velocity between those that are allowed at the position."""
+        for joint in np.flatnonzero(self.bounds).tolist():
+            offset, deceleration, low, high = self.numbers[joint].tolist()
+            upwards, downwards = (
+                np.maximum(0.0, np.sqrt(2 * deceleration * np.maximum(0.0, room)) - offset)
+                for room in (high - at.q[joint], at.q[joint] - low)
+            )
+            yield Row(at.v[joint], -downwards, upwards)
+
     def worst(self, motion: Trajectory) -> Use:
         sides = self._sides(motion)
         if not np.isfinite(sides.rounding).all():

@@ -167,6 +167,15 @@ class Limit(ABC):
         """
         raise NotImplementedError
 
+    def path_rows(self, at: JointState) -> Iterator[Row]:
+        """Yield its inequalities in the form in which a path is timed; by default `rows`.
+
+        Along a path with speed `w`, acceleration `x` and jerk `y` of its parameter, the value of a
+        row must be a sum of 1, `w`, `w²`, `x`, `w³`, `w x` and `y` times functions of position, and
+        its bounds may be functions of position. `at` holds arrays.
+        """
+        return self.rows(at)
+
     @classmethod
     def has_rows(cls) -> bool:
         """Return whether it states its inequalities."""
