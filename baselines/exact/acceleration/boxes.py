@@ -151,7 +151,7 @@ def _joined(problem: Problem, joined: Bools) -> Merged | None:
     high = np.minimum.reduceat(high, first)
     # The last waypoint is kept whatever overlaps it: of a closed motion it is the first one again.
     kept = np.isin(np.arange(len(index)), [*first[:-1], len(index) - 1])
-    route = problem.route.at(kept)
+    route = problem.without("tolerance").route.at(kept)
     demands = {**route.demands, "tolerance": np.maximum(high - low, 0.0) / 2}
     limits = problem.limits.of_segments(np.flatnonzero(~joined))
     try:

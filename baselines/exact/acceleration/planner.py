@@ -167,6 +167,17 @@ def _guesses(scaled: Passing, count: int) -> Iterator[Guess]:
     return islice(chain(*first, random), count)
 
 
+def times(problem: Problem, passing: Array | None) -> Array | None:
+    """Return the times of the segments of the first method's answer, s; None where it has none.
+
+    Args:
+        problem: Its jerk limits are ignored.
+        passing: Further limits at the waypoints, in the form that `Scaled` takes.
+    """
+    motion = Exact()._solved(problem.without("jerk"), None, passing).trajectory
+    return None if motion is None else np.diff(motion.waypoint_times)
+
+
 def _solved_near(
     problem: Problem, passing: Array | None, planner: Exact, patient: bool
 ) -> Solution:
@@ -182,7 +193,7 @@ def _freely(
         return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
 
     scales = [Passing(problem, passing) for _ in free_pieces.SPARES]
-    return planner.freely(problem, scales, optimum, below)
+    return planner.freely(problem, scales, optimum, below, free_pieces.guesses(scales[0]))
 
 
 class Passing(Scaled):

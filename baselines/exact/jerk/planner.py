@@ -12,7 +12,7 @@ made for this program solves it (`exact.method.interior_point`).
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
+from baselines.exact.acceleration.planner import times as times_without_jerk
 from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
@@ -63,6 +64,10 @@ MAX_START_DILATION = 1.5
 _SLOWER = 1.02
 _MOST_STEPS = 400
 _FEW_STARTS = 2  # for each problem, where boxes overlap and there are several problems
+# A segment in motion that takes longer than its first possible time, relative, is tried again, from
+# these shares of that time.
+_SAME_RTOL = 1e-9
+_BESIDE_FIRST = (1.0, 1.01, 1.3, 2.0)
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
 
@@ -141,14 +146,41 @@ class ExactJerk(SeveralStarts):
             return self._from_starts(problem, left_out, passing, patient)
         if (short := self.in_one_piece(problem)) is not None:
             return short
-        # where only the time is free no descent needs room inside the limits
-        spares = gaps.SPARES if len(problem.waypoints) > 2 else (0.0, *gaps.SPARES)
-        for spare in spares:
+        if problem.segments == 1:
+            return self._alone(problem, passing)
+        for spare in gaps.SPARES:
             solution = self._from_starts(problem, left_out, passing, patient, spare)
             motion = solution.trajectory
             if motion is None or keeping(problem, motion) is not None:
                 break
         return solution
+
+    def _alone(self, problem: Problem, passing: Array | None) -> Solution:
+        """Return the answer to a segment in motion: only the time is free.
+
+        Where rounding breaks a limit at the first possible time, the next ones may be far. Then the
+        second method looks for a motion near the first one.
+        """
+        from baselines.exact.jerk.motion import Reachable
+
+        known = problem.without(*self.unknown(problem))
+        firsts: list[JerkStart] = []
+        # no descent needs room inside the limits
+        for spare in (0.0, *gaps.SPARES):
+            scaled = Reachable(problem, passing=passing)
+            leave(scaled, spare)
+            starts = gaps.first_time(scaled)
+            firsts += starts
+            solution = self.best_of(scaled, partial(_met, scaled), iter(starts))
+            motion = solution.trajectory
+            if motion is None or keeping(known, motion) is not None:
+                break
+        below = certified(known, solution)
+        if not firsts or below <= scaled.unit * firsts[0].times[0] * (1 + _SAME_RTOL):
+            return solution
+        guesses = [share * firsts[0].times for share in _BESIDE_FIRST]
+        other = _freely(problem, passing, self, True, below, guesses)
+        return solution if other.trajectory is None else other
 
     def shape(self, problem: Problem) -> Hashable:
         jerky = problem.limits.jerk_limited
@@ -198,8 +230,6 @@ class ExactJerk(SeveralStarts):
                 return minimised(scaled, [own.times for own in starts])
             return _minimised(scaled, starts)
 
-        if not problem.route.at_rest and len(scaled.h) == 1:
-            return self.best_of(scaled, partial(_met, scaled), iter(gaps.first_time(scaled)))
         if not problem.route.at_rest:
             beside = gaps.starts(scaled)
             known = solve(beside) if beside else []
@@ -224,7 +254,12 @@ def _solved_near(
 
 
 def _freely(
-    problem: Problem, passing: Array | None, planner: ExactJerk, _: bool, below: float
+    problem: Problem,
+    passing: Array | None,
+    planner: ExactJerk,
+    _: bool,
+    below: float,
+    guesses: Iterable[Array] | None = None,
 ) -> Solution:
     from baselines.exact.jerk.motion import Reachable
 
@@ -236,7 +271,12 @@ def _freely(
         return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
 
     scales = [Reachable(problem, passing=passing) for _ in free_pieces.SPARES]
-    return planner.freely(problem, scales, optimum, below)
+    if guesses is None:
+        faster = times_without_jerk(problem, passing)
+        guesses = free_pieces.guesses(
+            scales[0], None if faster is None else faster / scales[0].unit
+        )
+    return planner.freely(problem, scales, optimum, below, guesses)
 
 
 def _stopping(problem: Problem, _: Array | None) -> Solution:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ SPARES = (0.0, 1e-12, 1e-10, 1e-8)
 # of stopping; then these times factors.
 _SHARES = (1.3, 1.3, 0.3)
 _MORE = (2.3, 1.5, 3.0)
+# Under jerk limits: shares of the fastest times without them, each before one of the others.
+_SLOWER = (1.3, 2.0, 1.0)
 # Guesses times segments times joints, and iterations times these: bounds of the time.
 _MOST_CELLS = 36
 _MOST_ITERATIONS = 500
@@ -51,7 +54,7 @@ _MISSED = 1e-6
 # After IPOPT, in units of the largest excess over a constraint: constraints with more room do not
 # count; no variable changes by more. The cost of the excess, beside all changes together.
 _FAR = 1e5
-_EXCESS_COST = 1e5
+_EXCESS_COST = 1e9
 _SHARPENINGS = 5
 _SHARP = 4e-16  # without units: no excess
 _OPTIONS: Options = {
@@ -89,12 +92,22 @@ def choices(problem: Problem) -> int:
     return max(2, _MOST_CELLS // (problem.segments * problem.joints))
 
 
-def guesses(scaled: Scaled) -> Iterator[Array]:
-    """Yield guesses of the times of the segments, `(segments,)`; fewer of larger problems."""
-    cruising = np.maximum(scaled.shortest, _BRIEFEST * scaled.stop)
+def guesses(scaled: Scaled, faster: Array | None = None) -> Iterator[Array]:
+    """Yield guesses of the times of the segments, `(segments,)`; fewer of larger problems.
+
+    Args:
+        scaled: The problem.
+        faster: Times of a motion without jerk limits, where there is one.
+    """
+    briefest = _BRIEFEST * scaled.stop
+    cruising = np.maximum(scaled.shortest, briefest)
     even = np.full_like(cruising, cruising.mean())
     found = [share * own for own, share in zip((cruising, even, scaled.stop), _SHARES, strict=True)]
-    found += [more * own for own, more in zip(found, _MORE, strict=True)]
+    if faster is None:
+        found += [more * own for own, more in zip(found, _MORE, strict=True)]
+    else:
+        slower = [share * np.maximum(faster, briefest) for share in _SLOWER]
+        found = list(chain.from_iterable(zip(slower, found, strict=True)))
     yield from found[: _MOST_CELLS // scaled.h.size]
 
 

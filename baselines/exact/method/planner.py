@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, Literal, NamedTuple, Protocol, TypeVar
@@ -203,6 +203,7 @@ class SeveralStarts(Planner):
         scales: Sequence[Any],
         optimum: Callable[[Any, FreeOptimum], LocalOptimum],
         below: float,
+        guesses: Iterable[Array],
     ) -> Solution:
         """Return the shortest answer of the second method (`exact.method.free_pieces`).
 
@@ -212,20 +213,17 @@ class SeveralStarts(Planner):
                 `free_pieces.SPARES`.
             optimum: Returns what the planner makes a motion of.
             below: Duration of a known answer, s; a longer one is none.
+            guesses: Of the segments' times, without units.
         """
         known = problem.without(*self.unknown(problem))
         for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
             leave(scaled, spare)
         shortest, best = below / scales[0].unit, None
-        for times in free_pieces.guesses(scales[0]):
+        for times in guesses:
             for scaled in scales:
                 found = free_pieces.minimised(scaled, times)
-                if found is None:
-                    continue
-                if not found.times.sum() < shortest:
-                    if found.converged:
-                        break
-                    continue
+                if found is None or not found.times.sum() < shortest:
+                    break
                 motion = motion_of(scaled, optimum(scaled, found))
                 if motion is None or not keeps(known, motion):
                     motion = free_pieces.motion(scaled, found)

@@ -92,3 +92,19 @@ def test_a_loop_whose_tolerances_overlap_its_end_is_planned():
     way = (0.43142614 - 0.226) - (-0.51933366 + 0.226)
     assert solution.trajectory.duration >= 2 * way / 1.0
     assert verify(problem, solution.trajectory).feasible
+
+
+def test_a_loop_with_boxes_that_leave_its_merged_waypoints_no_way():
+    """Merged, its last waypoint was within the tolerance of the first: once an error."""
+    points = np.array([-0.385, 0.204, 1.435, -0.498, 0.286, -0.385])
+    tolerance = np.array([0, 0.754, 0.754, 0.754, 0.754, 0])[:, None]
+    problem = Problem(
+        points[:, None],
+        Limits(velocity=[1.0], acceleration=[4.0]),
+        demands={"closed": True, "tolerance": tolerance},
+    )
+    solution = Exact().solve(problem)
+    # closed form: out to the box of the third waypoint and back
+    way = 1.435 - 0.754 + 0.385
+    assert solution.trajectory.duration >= 2 * way / 1.0
+    assert verify(problem, solution.trajectory).feasible

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ import trajopt
 from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound.planner import Prove
 from baselines.ruckig_ import RuckigStop
+from soaks import mixes
 from soaks.moving_ends import drawn, optimum
 from trajopt import Limits, Problem, Status, verify
+from trajopt.benchmark.suites.mixes import halves, inherited
 
 
 def solved(problem):
@@ -155,3 +159,36 @@ def test_a_part_of_an_optimum_that_leaves_no_inside():
         end_acceleration=[-0.5734150050219664],
     )
     assert solved(problem).duration == pytest.approx(0.04258938009379499, rel=1e-6)
+
+
+def test_a_segment_whose_motion_rounding_breaks_at_the_first_possible_time():
+    """The part of an optimum takes all of (a₁ − a₀)/J; the next possible time is 1.39 s."""
+    first, last, jerk = 1.5430938707889499, 2.9435092608620455, 30.697618156896606
+    problem = Problem(
+        [[0.7481378505409366], [0.7078002167132799]],
+        Limits([1.9519798456729365], [3.447400030759276], [jerk]),
+        start_velocity=[-0.9300611748560841],
+        end_velocity=[-0.8277224845595595],
+        start_acceleration=[first],
+        end_acceleration=[last],
+    )
+    assert solved(problem).duration == pytest.approx((last - first) / jerk, rel=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("seed", "cut", "half"),
+    [
+        # no guess but slowed times of the optimum without jerk limits leads there: 84 % too long
+        (2707, 1.083, 1),
+        # IPOPT's point missed a state by 1e-12 until its sharpening weighed nothing else: 20 %
+        (2399, 2.7881827396096877, 0),
+    ],
+)
+def test_a_cut_motion_of_mixed_demands_is_planned_again_as_short(seed, cut, half):
+    drawn = mixes.drawn(seed)
+    whole = replace(drawn, demands=inherited(drawn))
+    solution, duration = mixes.solved(whole)
+    part = halves(whole, solution.trajectory, cut)[half]
+    took = duration - cut if half else cut
+    assert mixes.solved(part)[1] <= took * (1 + 1e-6)
