@@ -32,7 +32,15 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.third_party import Rival, splines_after
-from baselines.third_party.tesseract import LANGUAGE, TIMING, limits, points, program, states
+from baselines.third_party.tesseract import (
+    LANGUAGE,
+    TIMING,
+    States,
+    limits,
+    points,
+    program,
+    states,
+)
 from baselines.topp_ra import Ends, Knots, PathGrid, timed
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
@@ -49,6 +57,8 @@ SAME_POINT = 1e-9
 _POINTS_PER_SEGMENT = 20
 # Corrections of the corners; each reduces the error to a quarter.
 _CORRECTIONS = 25
+# Squares of tangents below it, relative to the largest, are rounding.
+_STILL_RTOL = 1e-12
 # Smallest difference of two directions, against division by 0 on a straight line.
 _LEAST_TURN = 1e-12
 
@@ -82,9 +92,11 @@ class Totg(Rival):
             solved = generation.compute(container, *limits(problem))
         if not solved:
             return Solution(Status.FAILED, message="TOTG found no timing")
-        timing_of = states(moves, language)
-        motion = _motion(wanted, _rounded(corners), timing_of.velocities, waypoints)
-        return Solution(Status.SOLVED, motion, stats={"own duration": timing_of.times[-1]})
+        timed_states = states(moves, language)
+        motion = _motion(wanted, _rounded(corners), timed_states, waypoints)
+        if motion is None:
+            return Solution(Status.FAILED, message="TOTG's states do not go forward on its path")
+        return Solution(Status.SOLVED, motion, stats={"own duration": timed_states.times[-1]})
 
 
 class _Circles(NamedTuple):
@@ -139,9 +151,9 @@ def _inside(values: Array) -> Array:
 
 
 def _motion(
-    positions: Array, circles: _Circles, velocities: Array, waypoints: Indices
-) -> Trajectory:
-    """Return TOTG's path from middle to middle at its path speeds there."""
+    positions: Array, circles: _Circles, own: States, waypoints: Indices
+) -> Trajectory | None:
+    """Return TOTG's path from middle to middle at its path speeds there; None if one is below 0."""
     at = np.r_[0.0, np.cumsum(circles.between)]
     path = Trajectory.from_samples(
         at, positions, circles.tangent, circles.curvature, interpolation="quintic"
@@ -149,7 +161,15 @@ def _motion(
     steps = np.diff(at)
     local = polynomials.stretched(path.coefficients, steps)
     # q̇ = t ṡ: a projection, since the counting joint's share of t is not returned
-    projected = (velocities * circles.tangent).sum(axis=1)
-    speeds = projected / (circles.tangent**2).sum(axis=1)
+    projected = (own.velocities * circles.tangent).sum(axis=1)
+    steepness = (circles.tangent**2).sum(axis=1)
+    stands = steepness <= _STILL_RTOL * steepness.max()
+    speeds = projected / np.where(stands, 1.0, steepness)
     speeds[[0, -1]] = 0  # but for rounding
+    # where all joints turn back only the counting joint moves: Δs = (ṡ₀ + ṡ₁) Δt / 2
+    for i in np.flatnonzero(stands[1:-1]) + 1:
+        mean = circles.between[i - 1] / (own.times[i] - own.times[i - 1])
+        speeds[i] = 2 * mean - speeds[i - 1]
+    if not speeds[1:-1].min(initial=1.0) > 0:
+        return None
     return timed(PathGrid(at, steps, local), speeds, at[waypoints])

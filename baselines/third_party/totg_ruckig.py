@@ -4,9 +4,9 @@ TOTG times a path's points (`baselines/third_party/totg.py`). The smoothing asks
 point, whether the next point is reached under the jerk limits within the mean interval; while one
 is not, it stretches all intervals by a tenth and sets each acceleration to the difference of
 velocities over the mean interval. The answer is what a controller executes: quintics through the
-answer's times, positions, velocities and accelerations, but for the last acceleration, which is set
-to zero: the smoothing leaves a difference of velocities there, and a motion that ends with it
-breaks every jerk limit. The positions are the path's points, since the smoothing moves none.
+answer's times, positions, velocities and accelerations. The last acceleration alone is set to zero:
+the smoothing leaves a difference of velocities, and a motion that ends with it breaks every jerk
+limit. The positions are the path's points, since the smoothing moves none.
 
 The smoothing keeps one mean interval: the more points, the shorter it is against the longest that
 Ruckig needs, and the longer the motion becomes.

@@ -1,7 +1,8 @@
-"""`trajopt best-known list | verify | propose`: the best known answer of every suite problem."""
+"""`trajopt best-known list | verify | propose | archive`: the best known answers."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -11,6 +12,7 @@ import cyclopts
 from cyclopts import Parameter
 
 from trajopt import judgement
+from trajopt.benchmark.best_known import archive as archive_of_records
 from trajopt.benchmark.best_known import proposal, records
 from trajopt.benchmark.best_known.proposal import Candidate, RecordUpdate
 from trajopt.benchmark.best_known.records import CLOSED_WITHIN, Origin, Record
@@ -131,6 +133,23 @@ def propose(
     else:
         _print_outcomes(outcomes, written)
     return 0 if written else 1
+
+
+@app.command(name="archive")
+def archive_(archive: Path, /, *, registry: Registry = None) -> int:
+    """Write one archive of problems, motions and proofs, which is checked without this package.
+
+    The same records give the same bytes.
+
+    Args:
+        archive: Its name; ends in .zip.
+    """
+    count = archive_of_records.write(archive, _folder(registry))
+    digest = hashlib.sha256(archive.read_bytes()).hexdigest()
+    console.line(f"written: {archive}")
+    console.line(f"records: {count}; {archive.stat().st_size / 1e6:.1f} MB; SHA-256:")
+    console.line(digest)
+    return 0
 
 
 def _folder(registry: Path | None) -> Path:

@@ -27,6 +27,7 @@ from trajopt.benchmark.suites import (
     literature,
     mixes,
     moving,
+    rivals_own,
     robots,
     sections,
 )
@@ -200,6 +201,7 @@ def suites() -> dict[str, Suite]:
         sections.SUITE,
         demands.SUITE,
         mixes.SUITE,
+        rivals_own.SUITE,
         Suite(
             "random",
             "its families by turns",
