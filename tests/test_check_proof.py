@@ -60,6 +60,7 @@ def test_it_runs_where_nothing_of_ours_can_be_imported():
         "edges-jerk-and-position",
         "one-joint",  # in closed form, as the next one
         "edges-jerk-at-rest",
+        "edges-dense-end",  # the same, of fewer waypoints than the problem has
         "moving-random-73",  # waypoints that rounding may miss, beside moving ends
         "demands-random-110",  # segments that may take no time
     ],

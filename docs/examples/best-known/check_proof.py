@@ -170,7 +170,7 @@ if "waypoints" in proof:  # it counts these alone
 elif not others.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
     changes = {k for k in range(1, len(rows[0])) if any(own[k - 1] != own[k] for own in rows)}
     kept = exact(points, changes)
-    points = [points[k] for k in kept]
+    points, room = ([table[k] for k in kept] for table in (points, room))
     rows = [[own[k - 1] for k in kept[1:]] for own in rows]
 others |= {name: limits[name] for name in limits.keys() - set(LIMITS)}  # a bound may drop one
 if digest(tables + sorted(others.items())) != said["problem"]["digest"]:

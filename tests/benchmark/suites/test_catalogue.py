@@ -321,6 +321,7 @@ def test_the_suites_are_those_of_the_issue_and_one_per_random_family(suites):
         "sections",
         "demands",
         "mixes",
+        "rivals-own",
         "random",
         *families_,
     ]
