@@ -413,8 +413,8 @@ def test_a_backend_is_imported_when_needed():
 
 def test_listing_imports_no_backend():
     code = (
-        "import sys\nfrom trajopt.cli import listing\n"
-        "found = {listing.described(e)['name'] for e in listing.entries().values()}\n"
+        "import sys\nfrom trajopt.cli import described\n"
+        "found = {described.described(e)['name'] for e in described.entries().values()}\n"
         f"assert found >= {NAMES!r}, found\n"
         "import scipy\n"
         "slow = {'casadi', 'toppra', 'ruckig', 'h5py'} | {f'scipy.{p}' for p in scipy.__all__}\n"

@@ -1,28 +1,31 @@
-"""`trajopt list`: planners and the limits that they keep, problems, robots, kinds of limits."""
+"""`trajopt list`: planners and the limits that they keep, problems, robots, kinds of limits.
+
+What travels with the package is stored (`trajopt.cli.described`), so that nothing of it is
+imported. Planners of other people are described anew; with kinds of limits of theirs all are.
+"""
 
 from __future__ import annotations
 
+import json as json_text
+import sys
 from collections.abc import Callable, Sequence
-from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from rich.text import Text
 
-from trajopt.benchmark.run.profile import Profile
-from trajopt.benchmark.run.runner import profiled
-from trajopt.benchmark.run.tasks import Allowance
-from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
 from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import Json
-from trajopt.core.demand import DEMANDS
-from trajopt.core.exceptions import TrajoptError, UnknownName
-from trajopt.core.limits import KINDS, LimitName, Limits, strangers
-from trajopt.core.problem import Problem
-from trajopt.planners.planner import Relation
-from trajopt.planners.registry import Entry, entries
+from trajopt.core.built_in import data_folder
+from trajopt.core.exceptions import MissingBackend, UnknownName
 
-_OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
+STORED = "listed.json"  # in the data folder
+_OURS = "mintime"  # the distribution whose entry points are stored
+
+Rows = list[dict[str, Any]]
 
 
 def list_(what: str = "", /, *, json: Json = False) -> int:
@@ -32,9 +35,9 @@ def list_(what: str = "", /, *, json: Json = False) -> int:
         what: planners, problems, robots or limits; or a planner, with every optimiser that it has
             by name.
     """
-    if what and what not in _READ:
+    if what and what not in _TABLES:
         return _one(what, as_json=json)
-    found = {kind: read() for kind, read in _READ.items() if what in ("", kind)}
+    found = lists(what)
     if json:
         console.print_json(found)
         return 0
@@ -45,13 +48,72 @@ def list_(what: str = "", /, *, json: Json = False) -> int:
     return 0
 
 
+def lists(what: str = "") -> dict[str, Rows]:
+    """Return the rows of one list, or of all."""
+    wanted = [kind for kind in _TABLES if what in ("", kind)]
+    if _only_our_kinds():
+        return _stored(wanted)
+    from trajopt.cli import described  # late: it imports every planner
+
+    return {kind: described.READ[kind]() for kind in wanted}
+
+
+def _stored(wanted: Sequence[str]) -> dict[str, Rows]:
+    """Return the stored lists, with what depends on this machine, and the planners of others."""
+    folder = data_folder()
+    lists = json_text.loads((folder / STORED).read_text(encoding="utf-8"))
+    found: dict[str, Rows] = {kind: lists[kind] for kind in wanted}
+    for row in found.get("problems", ()):
+        row["file"] = str(folder / row["file"])
+    if "planners" in found:
+        known = {row["name"]: row for row in found["planners"]}
+        points: dict[str, list[EntryPoint]] = {}
+        for point in entry_points(group="trajopt.planners"):
+            points.setdefault(point.name, []).append(point)
+        found["planners"] = [_planner(name, own, known.get(name)) for name, own in points.items()]
+    return found
+
+
+def _planner(name: str, points: Sequence[EntryPoint], row: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the row of a planner, from the stored one if that is what is registered."""
+    value = row.pop("value") if row else None
+    if row is None or any(not _is_ours(own) or own.value != value for own in points):
+        from trajopt.cli import described  # late: it imports much
+        from trajopt.planners.registry import entries
+
+        return described.described(entries()[name])
+    absent = [module for module in row.pop("requires") if find_spec(module) is None]
+    extra = row.pop("extra")
+    row["available"] = not absent
+    row["missing"] = str(MissingBackend(" ".join(absent), extra)) if absent else None
+    return row
+
+
+def _is_ours(point: EntryPoint) -> bool:
+    """Return whether an entry point is of this distribution, and leads to its modules."""
+    if point.dist is None or point.dist.name != _OURS:
+        return False
+    spec = find_spec(point.module.partition(".")[0])
+    origin = Path((spec and spec.origin) or "").resolve()
+    return origin.parent.parent == Path(__file__).resolve().parents[2]
+
+
+def _only_our_kinds() -> bool:
+    """Return whether nobody else's kinds of limits are known: they are planned for, or not."""
+    if any(not _is_ours(point) for point in entry_points(group="trajopt.limits")):
+        return False
+    limits = sys.modules.get("trajopt.core.limits")  # `--kind` has imported it
+    return not limits or all(map(limits.strangers.is_ours, limits.KINDS.values()))
+
+
 def _one(name: str, *, as_json: bool) -> int:
     """List one planner, and the values of its options that its library knows."""
+    from trajopt.cli import described  # late: it imports the planner
+    from trajopt.planners.registry import entries
+
     if name not in entries():
-        raise UnknownName("list or planner", name, [*_READ, *entries()])
-    entry = entries()[name]
-    row = described(entry)
-    row["choices"] = entry.load().choices() if row["available"] and entry.is_own else {}
+        raise UnknownName("list or planner", name, [*_TABLES, *entries()])
+    row = described.choices(name)
     if as_json:
         console.print_json(row)
         return 0
@@ -60,114 +122,6 @@ def _one(name: str, *, as_json: bool) -> int:
         console.paragraph()
         console.OUT.print(Text(f"{option}, one of {len(values)}: {', '.join(values)}"))
     return 0
-
-
-def described(entry: Entry) -> dict[str, Any]:
-    """Describe a planner: its name, one line, options, limits, demands, and what is missing.
-
-    It keeps the limits that it `knows`, and the `demands` of the route. It leaves out limits that
-    it `ignores`, and may break them. It does not solve problems with limits that it `refuses`. It
-    may break any other limit. The verifier reports every limit that is broken.
-    """
-    row: dict[str, Any] = {
-        "name": entry.name,
-        "description": "",
-        "options": {},
-        "on_request": False,
-        "knows": [],
-        "demands": [],
-        "ignores": [],
-        "refuses": [],
-    }
-    problems = {limit: _limited_by(limit) for limit in _OPTIONAL_LIMITS}
-    try:
-        profile = profiled(entry.name, list(problems.values()), Allowance())
-    except TrajoptError as error:
-        missing: str | None = str(error)
-    else:
-        missing = profile.missing
-        row["description"] = profile.description
-        row["options"] = profile.entrant.options
-        row["on_request"] = profile.on_request
-        row["knows"] = list(profile.knows)
-        row["demands"] = list(profile.demands)
-        for limit, problem in problems.items():
-            row.get(_fate(profile, problem), []).append(limit)
-    row["available"] = missing is None
-    row["missing"] = missing
-    return row
-
-
-def _fate(profile: Profile, problem: Problem) -> str:
-    """Tell whether a planner `ignores` or `refuses` a kind of limit; empty for neither."""
-    if profile.refusals[problem.digest()] is not None:
-        return "refuses"
-    if profile.relations[problem.digest()] is Relation.RELAXATION:
-        return "ignores"
-    return ""
-
-
-@cache
-def _limited_by(name: LimitName) -> Problem:
-    """Return a problem of one joint and four waypoints, as many as a 3-5-3 spline takes."""
-    optional = {"jerk": [1.0], "position": [10.0]}
-    limits = Limits([1.0], [1.0], **{name: optional[name]})
-    return Problem([[0.0], [1.0], [2.0], [3.0]], limits)
-
-
-def _problem(name: str) -> dict[str, Any]:
-    """Describe a built-in problem: its file, size, limits and source."""
-    problem = catalogue.load(name)
-    return {
-        "name": name,
-        "file": str(catalogue.find(name)),
-        "joints": problem.joints,
-        "waypoints": len(problem.waypoints),
-        "limits": list(problem.limits.kinds),
-        "source": problem.source,
-    }
-
-
-def _arm(name: str) -> dict[str, Any]:
-    """Describe a built-in robot: its joints, kinds of limits, and how well each kind is known."""
-    arm = robots.arm(name)
-    return {
-        "name": name,
-        "description": arm.description,
-        "joint_names": list(arm.joint_names),
-        "limits": {kind: origin.status for kind, origin in arm.origins.items()},
-        "link_frames": arm.chain_origin.status if arm.chain_origin else None,
-    }
-
-
-def _kind(key: str) -> dict[str, Any]:
-    """Describe a kind of limit; one that a package registers and no problem has used by its place.
-
-    That one is not imported.
-    """
-    point = strangers.registered().get(key)
-    package = point.dist.name if point is not None and point.dist else ""
-    row: dict[str, Any] = {
-        "name": key,
-        "description": "",
-        "fields": [],
-        "rows": None,
-        "from": "",
-        "refused": "",
-    }
-    if key not in KINDS:
-        assert point is not None
-        return row | {"from": f"{point.value} of package {package}"}
-    kind = KINDS[key]
-    ours = strangers.is_ours(kind)
-    if ours and point is not None:
-        row["refused"] = f"{point.value} of package {package} has this key too, and is not used"
-    return row | {
-        "description": (kind.__doc__ or "").partition("\n")[0],
-        "fields": [field.name for field in getattr(kind, "fields", ())],
-        "rows": kind.has_rows(),
-        "from": "" if ours else f"{kind.__module__}.{kind.__qualname__}",
-    }
 
 
 def _kind_table(kinds: Sequence[dict[str, Any]]) -> PlainTable:
@@ -208,6 +162,8 @@ def _limits_in_words(planner: dict[str, Any]) -> str:
     known = ", ".join(planner["knows"]) or "none"
     sentences = [f"limits that it knows: {known.replace('_', ' ')}"]
     if planner["demands"]:
+        from trajopt.core.demand import DEMANDS  # late: it needs NumPy
+
         demands = ", ".join(DEMANDS[key].name for key in planner["demands"])
         sentences.append(f"demands that it knows: {demands}")
     if planner["ignores"]:
@@ -238,13 +194,7 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> PlainTable:
     return table
 
 
-_READ: dict[str, Callable[[], list[dict[str, Any]]]] = {
-    "planners": lambda: [described(entry) for entry in entries().values()],
-    "problems": lambda: [_problem(name) for name in catalogue.problem_files()],
-    "robots": lambda: [_arm(name) for name in robots.arm_files()],
-    "limits": lambda: [_kind(key) for key in dict.fromkeys([*KINDS, *strangers.registered()])],
-}
-_TABLES = {
+_TABLES: dict[str, Callable[[Sequence[dict[str, Any]]], PlainTable]] = {
     "planners": _planner_table,
     "problems": _problem_table,
     "robots": _arm_table,
