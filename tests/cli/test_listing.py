@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 
 from trajopt.cli import described, listing
-from trajopt.core.built_in import data_folder
+from trajopt.core.built_in import data_folder, listed
 
 REGISTERED = tomllib.loads((data_folder().parent / "pyproject.toml").read_text())["project"][
     "entry-points"
@@ -16,7 +16,7 @@ REGISTERED = tomllib.loads((data_folder().parent / "pyproject.toml").read_text()
 
 
 def test_what_is_stored_is_what_would_be_described():
-    stored = json.loads((data_folder() / listing.STORED).read_text(encoding="utf-8"))
+    stored = json.loads(listed().read_text(encoding="utf-8"))
     again = json.loads(json.dumps(described.to_store()))
     for kind in ("problems", "robots", "limits"):
         assert stored[kind] == again[kind], "run: python -m trajopt.cli.described"

@@ -18,8 +18,7 @@ from trajopt.benchmark.run.profile import Profile
 from trajopt.benchmark.run.runner import profiled
 from trajopt.benchmark.run.tasks import Allowance
 from trajopt.benchmark.suites import catalogue, robots
-from trajopt.cli.listing import STORED
-from trajopt.core.built_in import data_folder
+from trajopt.core.built_in import data_folder, listed
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import KINDS, LimitName, Limits, strangers
 from trajopt.core.problem import Problem
@@ -196,4 +195,4 @@ def to_store() -> dict[str, list[dict[str, Any]]]:
 
 if __name__ == "__main__":
     text = json.dumps(to_store(), indent=1, ensure_ascii=False)
-    (data_folder() / STORED).write_text(f"{text}\n", encoding="utf-8")
+    listed().write_text(f"{text}\n", encoding="utf-8")

@@ -19,10 +19,9 @@ from rich.text import Text
 from trajopt.cli import console
 from trajopt.cli.console import PlainTable
 from trajopt.cli.parameters import Json
-from trajopt.core.built_in import data_folder
+from trajopt.core.built_in import data_folder, listed
 from trajopt.core.exceptions import MissingBackend, UnknownName
 
-STORED = "listed.json"  # in the data folder
 _OURS = "mintime"  # the distribution whose entry points are stored
 
 Rows = list[dict[str, Any]]
@@ -60,11 +59,10 @@ def lists(what: str = "") -> dict[str, Rows]:
 
 def _stored(wanted: Sequence[str]) -> dict[str, Rows]:
     """Return the stored lists, with what depends on this machine, and the planners of others."""
-    folder = data_folder()
-    lists = json_text.loads((folder / STORED).read_text(encoding="utf-8"))
+    lists = json_text.loads(listed().read_text(encoding="utf-8"))
     found: dict[str, Rows] = {kind: lists[kind] for kind in wanted}
     for row in found.get("problems", ()):
-        row["file"] = str(folder / row["file"])
+        row["file"] = str(data_folder() / row["file"])
     if "planners" in found:
         known = {row["name"]: row for row in found["planners"]}
         points: dict[str, list[EntryPoint]] = {}

@@ -14,6 +14,11 @@ def data_folder() -> Path:
     return package.parent / "data"
 
 
+def listed() -> Path:
+    """The file that describes what travels with the package, for `trajopt list`."""
+    return data_folder() / "listed.json"
+
+
 def is_installed() -> bool:
     """Return whether the package was installed from a wheel; False in a checkout."""
     return (Path(__file__).resolve().parents[1] / "data").is_dir()
