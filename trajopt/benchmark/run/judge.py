@@ -66,7 +66,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Joint:
+class Requests:
     """A request to a judge: requests of one planner, each with one seed, answered together.
 
     Where that gives no answer in the time of one trial, each is answered alone.
@@ -130,12 +130,12 @@ def serve(link: socket.socket) -> NoReturn:
 
 
 def _served(
-    bench: _Bench, request: Request | Joint | Inquiry
+    bench: _Bench, request: Request | Requests | Inquiry
 ) -> list[Written] | bytes | Ending | JudgeError:
     try:
         if isinstance(request, Inquiry):
             return bench.inquire(request)
-        if isinstance(request, Joint):
+        if isinstance(request, Requests):
             return bench.serve_together(request)
         return bench.serve(request)
     except Exception as error:
@@ -295,13 +295,13 @@ class _Bench:
         except MemoryError:
             return record(request, Status.CRASHED, _NO_MEMORY_TO_VERIFY)
 
-    def serve_together(self, joint: Joint) -> list[Written]:
+    def serve_together(self, together: Requests) -> list[Written]:
         """Ask the planner for all answers at once; where it gives none, for one after the other.
 
         So a problem on which it hangs or crashes costs the others nothing but that time.
         """
         started = now()
-        requests = joint.requests
+        requests = together.requests
         problems = [own.problem for own in requests]
         question = solver.SolveMany(problems, [seed for own in requests for seed in own.seeds])
         reply, loading_time, wall_time = self._timed(requests[0], question)

@@ -28,7 +28,7 @@ from trajopt.benchmark.run import answer, dask, server
 from trajopt.benchmark.run.judge import (
     Ending,
     Inquiry,
-    Joint,
+    Requests,
     JudgeError,
     Request,
     judge_here,
@@ -120,7 +120,7 @@ class Judges:
 
     def __init__(self) -> None:
         self._idle: list[_Judge] = []
-        self._busy: dict[_Judge, Asked] = {}
+        self._busy: dict[_Judge, Group] = {}
 
     def run(self, tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
         """Run `allowed.jobs` tasks at a time."""
@@ -149,7 +149,7 @@ class Judges:
                         continue
                 yield from asked.finished(done)
 
-    def _for(self, request: Request | Joint, jobs: int) -> _Judge:
+    def _for(self, request: Request | Requests, jobs: int) -> _Judge:
         """Return the idle judge of a planner, or a new one in place of an idle one of another."""
         source = _source(request)
         for judge in self._idle:
@@ -193,13 +193,13 @@ def on_executor(
             future.cancel()
 
 
-def supervised(request: Request | Joint) -> list[Written]:
+def supervised(request: Request | Requests) -> list[Written]:
     """Run a request under a judge of this process, which is an executor's worker.
 
     Raises:
         WorkerError: The worker's installation judges by other code than the run's.
     """
-    parts = request.requests if isinstance(request, Joint) else (request,)
+    parts = request.requests if isinstance(request, Requests) else (request,)
     if any(judge_digest(part.problem) != part.digest for part in parts):
         raise WorkerError(
             f"a worker on {platform.node()} has another version of trajopt than this run; install "
@@ -219,7 +219,7 @@ def supervised(request: Request | Joint) -> list[Written]:
         judge.end()
     while len(own) > _MAX_IDLE:
         own.pop(0).end()
-    if isinstance(request, Joint) and not isinstance(done, list):
+    if isinstance(request, Requests) and not isinstance(done, list):
         return [written for part in parts for written in supervised(part)]
     return _or_lost(done, parts[0])
 
@@ -306,7 +306,7 @@ class _Judge:
         environment = {**here.environment, **server.SINGLE_THREADED}
         pickle.dump(replace(here, environment=environment), self._stream)
 
-    def ask(self, request: Request | Joint | Inquiry) -> None:
+    def ask(self, request: Request | Requests | Inquiry) -> None:
         """Send a request."""
         message = pickle.dumps(request)
         self.deadline = time.monotonic() + _patience(request)
@@ -356,9 +356,9 @@ def _end_idle() -> None:
         judge.end()
 
 
-def _patience(request: Request | Joint | Inquiry) -> float:
+def _patience(request: Request | Requests | Inquiry) -> float:
     """Return how long a judge may take to answer, s: to ask, and to judge."""
-    if isinstance(request, Joint):
+    if isinstance(request, Requests):
         own = request.requests[0].allowed.timeout  # together, before each is asked alone
         return own + sum(map(_patience, request.requests))
     count = len(request.seeds) if isinstance(request, Request) else 1
@@ -366,9 +366,9 @@ def _patience(request: Request | Joint | Inquiry) -> float:
     return asking + max(MIN_JUDGING_TIMEOUT_S, asking)
 
 
-def _source(request: Request | Joint) -> str | bytes:
+def _source(request: Request | Requests) -> str | bytes:
     """Return what makes the planner of a request."""
-    return (request.requests[0] if isinstance(request, Joint) else request).source
+    return (request.requests[0] if isinstance(request, Requests) else request).source
 
 
 def _or_lost(done: list[Written] | bytes | Ending, request: Request) -> list[Written]:
@@ -378,20 +378,20 @@ def _or_lost(done: list[Written] | bytes | Ending, request: Request) -> list[Wri
     return done
 
 
-class Asked(NamedTuple):
+class Group(NamedTuple):
     """Tasks that are asked together, and the request of each."""
 
     tasks: Sequence[Task]
     requests: tuple[Request, ...]
 
     @property
-    def request(self) -> Request | Joint:
-        return self.requests[0] if len(self.requests) == 1 else Joint(self.requests)
+    def request(self) -> Request | Requests:
+        return self.requests[0] if len(self.requests) == 1 else Requests(self.requests)
 
-    def alone(self) -> list[Asked]:
+    def alone(self) -> list[Group]:
         """Return each task alone."""
         pairs = zip(self.tasks, self.requests, strict=True)
-        return [Asked([task], (request,)) for task, request in pairs]
+        return [Group([task], (request,)) for task, request in pairs]
 
     def finished(self, done: list[Written] | bytes | Ending) -> Iterator[Finished]:
         """Yield each task with what was written of it."""
@@ -400,7 +400,7 @@ class Asked(NamedTuple):
             yield Finished(task, list(islice(written, len(task.seeds))))
 
 
-def _requests(tasks: Sequence[Task], store: Store, allowed: Allowance) -> deque[Asked]:
+def _requests(tasks: Sequence[Task], store: Store, allowed: Allowance) -> deque[Group]:
     """Return the requests: single runs, whose answers come at once, then the longest.
 
     Requests of one planner are neighbours: a judge keeps the planner's process.
@@ -414,10 +414,10 @@ def _requests(tasks: Sequence[Task], store: Store, allowed: Allowance) -> deque[
     def rank(task: Task) -> tuple[bool, int, int]:
         return len(task.seeds) > 1, -len(task.seeds), turns.index(id(task.profile))
 
-    def asked(group: Sequence[Task]) -> Asked:
+    def asked(group: Sequence[Task]) -> Group:
         sources = [made[id(task.profile)] for task in group]
         pairs = zip(group, sources, strict=True)
-        return Asked(group, tuple(_request(task, own, store, allowed) for task, own in pairs))
+        return Group(group, tuple(_request(task, own, store, allowed) for task, own in pairs))
 
     groups = together(sorted(tasks, key=rank), allowed.jobs or cpus())
     return deque(asked(group) for group in groups)
