@@ -9,7 +9,7 @@ local optimum of a few initial guesses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -25,8 +25,10 @@ from baselines.front.spline_program import (
 )
 from baselines.ipopt import flat, unflat
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.dwell import between
 from trajopt.core.problem import Problem
-from trajopt.core.trajectory import Trajectory
+from trajopt.core.route import State
+from trajopt.core.trajectory import Trajectory, nearest
 from trajopt.judging.smoothness import smoothness, weights
 from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import stop_times
@@ -49,6 +51,15 @@ _GIVEN_SLACK_RTOL = 1e-7
 _SHORTEST_SHARE = 1e-4
 # A segment's first time is chosen by its displacement, but at least by this share of the longest.
 _SHORTEST_WAY = 1e-6
+# A joint that uses less of every limit of its motion, at one of these places of a piece, has slack.
+_AT_LIMIT = 1 - 1e-4
+_PROBES = np.array([0.25, 0.75])
+# It has to, for this share of a segment's time.
+_FREE_SHARE = 1e-3
+# A dilation that leaves the duration as it is, relative.
+_SAME_RTOL = 1e-9
+# What may be asked at the ends of a motion that is smoothed.
+_END_STATES = {f"{end}_{rate}" for end in ("start", "end") for rate in ("velocity", "acceleration")}
 
 
 class NodeSpline(NamedTuple):
@@ -146,53 +157,122 @@ def shortest(
 
 
 def smoothed(problem: Problem, motion: Trajectory) -> Trajectory:
-    """Return a motion of the same waypoint times, with each joint as smooth as it can be in them.
+    """Return a motion of the same waypoint times, each joint as smooth as it can be in them.
 
-    At given times every joint is a problem of its own. A joint that decides the duration has one
-    motion only and keeps it; so does one for which nothing smoother is found. Among several motions
-    of minimum time this is the one of the least ∫ jerk² (docs/mathematics.md, section 12), joint by
-    joint.
+    At given times every joint is a problem of its own. Where a joint is at a limit throughout a
+    segment, its motion there decides the time and stays. From the end of such a segment to the
+    start of the next one it takes the least ∫ jerk² between the states at both
+    (docs/mathematics.md, section 12).
 
     Args:
-        problem: Its limits are kept; demands beside waypoints are not known here, so a motion with
-            some is returned as it is, and so is one under limits of other kinds or of segments.
+        problem: Its limits are kept. Demands on the way are not known here, so a motion with some
+            is returned as it is, and so is one under limits of other kinds or of segments.
         motion: Through the waypoints, within the limits.
     """
-    if problem.demands or problem.limits.others or problem.limits.segments is not None:
+    limits = problem.limits
+    if set(problem.demands) - _END_STATES or limits.others or limits.segments is not None:
         return motion
     times = np.diff(motion.waypoint_times)
     if not (times > _SHORTEST_SHARE * times.mean()).all():
         return motion
+    motion = motion.refined(motion.waypoint_times)
     joints = []
-    for joint in range(problem.joints):
+    for joint, free in enumerate(_free_segments(problem, motion).T):
+        alone = problem.only([joint]) if free.any() else problem
         own = replace(motion, coefficients=motion.coefficients[..., [joint]])
-        found = _smoothest_joint(problem, joint, own, times) if problem.moving[joint] else None
-        chosen = own if found is None else found
-        joints.append((chosen.breaks, chosen.coefficients[:, :, 0]))
+        for first, last in _runs(free):
+            own = _smoother(alone, own, first, last)
+        joints.append((own.breaks, own.coefficients[:, :, 0]))
     return Trajectory.joined(joints, motion.waypoint_times)
 
 
-def _smoothest_joint(
-    problem: Problem, joint: int, own: Trajectory, times: Array
-) -> Trajectory | None:
-    """Return the smoothest motion of one joint in these segment times; None if it is not better."""
-    alone = problem.only([joint])
-    found = _ScaledProgram(alone, "jerk", own.duration, times).solve(None, own)
-    if found is None:
-        return None
-    kept = verify(alone, found.trajectory)
-    less = found.value < smoothness(alone, own).jerk_integral * (1 - _GAIN_RTOL)
-    return found.trajectory if less and kept.feasible and kept.dilation <= 1 else None
+def _free_segments(problem: Problem, motion: Trajectory) -> Bools:
+    """Return where a joint is at no limit of its motion for some time, `(segments, joints)`."""
+    times = motion.breaks[:-1, None] + np.diff(motion.breaks)[:, None] * _PROBES
+    use = np.zeros((problem.joints, *times.shape))
+    for limit in problem.limits.kinds.values():
+        if limit.is_ratio:
+            for joint, uses in limit.along(motion, times.ravel()).items():
+                use[joint] = np.maximum(use[joint], np.abs(uses).reshape(times.shape))
+    free = (use.min(axis=2) < _AT_LIMIT) * np.diff(motion.breaks)
+    first = np.searchsorted(motion.breaks, motion.waypoint_times[:-1])
+    spent = np.add.reduceat(free, first, axis=1).T
+    return (spent > _FREE_SHARE * np.diff(motion.waypoint_times)[:, None]) & problem.moving
+
+
+def _runs(free: Bools) -> Iterator[tuple[int, int]]:
+    """Yield the first and last waypoint of each run of segments."""
+    edges = np.flatnonzero(np.diff(free, prepend=False, append=False))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def _smoother(alone: Problem, motion: Trajectory, first: int, last: int) -> Trajectory:
+    """Return one joint's motion, between two waypoints the smoothest; as it is if none is found."""
+    begins, stops = motion.waypoint_times[[first, last]].tolist()
+    part = between(motion, begins, stops)
+    if part is None:
+        return motion
+    passed = motion.waypoint_times[first : last + 1] - begins
+    part = replace(part, waypoint_times=np.append(passed[:-1], part.duration))
+    # the states as the segments before and after have them
+    ends = [alone.route.start, alone.route.end]
+    if first > 0:
+        ends[0] = _state(motion, np.nextafter(begins, 0.0))
+    if last < alone.segments:
+        ends[1] = _state(motion, stops)
+    rates = 2 if alone.has("jerk") else 1  # without a jerk limit no acceleration may be demanded
+    demands = {
+        f"{end}_{rate}": value
+        for end, state in zip(("start", "end"), ends, strict=True)
+        for rate, value in zip(("velocity", "acceleration")[:rates], state, strict=False)
+    }
+    waypoints = alone.waypoints[first : last + 1]
+    if not np.diff(waypoints, axis=0).any():
+        return motion  # it rests, or returns to where it is: no problem has only equal waypoints
+    asked = Problem(waypoints, alone.limits, demands=demands)
+    times = np.diff(part.waypoint_times)
+    found = _ScaledProgram(asked, "jerk", part.duration, times, ends).solve(None, part)
+    if found is None or found.value >= smoothness(asked, part).jerk_integral * (1 - _GAIN_RTOL):
+        return motion
+    spliced = _spliced(motion, found.trajectory, begins, stops)
+    kept = verify(alone, spliced)
+    return spliced if kept.feasible and kept.dilation <= 1 + _SAME_RTOL else motion
+
+
+def _state(motion: Trajectory, time: float) -> State:
+    return State(motion(time, 1), motion(time, 2))
+
+
+def _spliced(motion: Trajectory, part: Trajectory, begins: float, stops: float) -> Trajectory:
+    """Return the motion with another part between two of its breaks, s."""
+    first, last = nearest(motion.breaks, np.array([begins, stops])).tolist()
+    rows = max(len(motion.coefficients), len(part.coefficients))
+    tables = (motion.coefficients[:, :first], part.coefficients, motion.coefficients[:, last:])
+    filled = [np.pad(own, ((rows - len(own), 0), (0, 0), (0, 0))) for own in tables]
+    lengths = (motion.lengths[:first], part.lengths, motion.lengths[last:])
+    breaks = (motion.breaks[: first + 1], begins + part.breaks[1:-1], motion.breaks[last:])
+    return Trajectory(
+        np.concatenate(breaks),
+        np.concatenate(filled, axis=1),
+        motion.waypoint_times,
+        np.concatenate(lengths),
+    )
 
 
 class _ScaledProgram:
     """A problem without units: mean segment time 1, largest displacement of each joint 1.
 
-    Segment times are variables, unless they are given, s, `(segments,)`.
+    Segment times are variables, unless they are given, s, `(segments,)`. The states at the ends are
+    the problem's, or given.
     """
 
     def __init__(
-        self, problem: Problem, measure: Measure, duration: float, times: Array | None = None
+        self,
+        problem: Problem,
+        measure: Measure,
+        duration: float,
+        times: Array | None = None,
+        ends: Sequence[State] | None = None,
     ) -> None:
         self.problem = problem
         self.times = None if times is None else times * problem.segments / duration
@@ -202,7 +282,13 @@ class _ScaledProgram:
         self.order = 3 if measure == "jerk" else 2
         self.quintic = measure == "jerk" or problem.has("jerk")
         self.unit = duration / problem.segments
-        self.scale = problem.largest_displacements[self.moving]
+        states = (problem.route.start, problem.route.end) if ends is None else ends
+        velocities = np.array([state.velocity[self.moving] for state in states]) * self.unit
+        accelerations = np.array([state.acceleration[self.moving] for state in states])
+        rates = [velocities, accelerations * self.unit**2]
+        fastest = np.abs(rates).max(axis=(0, 1))
+        self.scale = np.maximum(problem.largest_displacements[self.moving], fastest)
+        self.ends = [own / self.scale for own in rates]
         self.origin = problem.waypoints[0, self.moving]
         self.q = (problem.waypoints[:, self.moving] - self.origin) / self.scale
         limits = problem.limits.by_name()
@@ -210,6 +296,10 @@ class _ScaledProgram:
         for order, name in enumerate(("velocity", "acceleration", "jerk"), start=1):
             pairs = limits[name] * (1 - (_SLACK_RTOL if times is None else _GIVEN_SLACK_RTOL))
             self.limits[order] = self._limits(pairs, order)
+        for order, rate in enumerate(self.ends, start=1):  # a state at a limit keeps it
+            low, high = self.limits[order]
+            wider = np.minimum(low, rate.min(axis=0)), np.maximum(high, rate.max(axis=0))
+            self.limits[order] = np.array(wider)
         own = weights(problem)[self.moving] * self.scale**2
         self.integral_unit = float(own.max()) / self.unit ** (2 * self.order - 1)
         self.weights = own / own.max()
@@ -221,9 +311,11 @@ class _ScaledProgram:
     # --- splines ---
 
     def resting(self, times: Array) -> NodeSpline:
-        """Return the spline that rests at every waypoint, with one piece per segment."""
-        nodes = self.q.shape
-        states = [self.q, *(np.zeros(nodes) for _ in range(2 if self.quintic else 1))]
+        """Return the spline that rests at every waypoint between, with one piece per segment."""
+        states = [self.q]
+        for ends in self.ends[: 2 if self.quintic else 1]:
+            states.append(np.zeros(self.q.shape))
+            states[-1][[0, -1]] = ends
         count = len(times)
         return NodeSpline((1,) * count, np.ones(count), times, states)
 
@@ -397,8 +489,8 @@ class _ScaledProgram:
                 if own in orders:
                     table[:] = self.limits[own][side]
             tables[0][passed] = self.q
-            for table in tables[1 : len(spline.states)]:
-                table[[0, -1]] = 0.0
+            for table, ends in zip(tables[1 : len(spline.states)], self.ends, strict=False):
+                table[[0, -1]] = ends
             times = np.full(len(spline.times), infinite if side else _SHORTEST_SHARE)
             if self.times is not None:
                 times = self.times

@@ -37,6 +37,8 @@ from trajopt.views.export.motion_file import PICTURES, Executed, Points, Target,
 
 _CYCLE_S = 1e-3
 _PROOF_TIME_S = 1.0
+# Segments times joints that are smoothed in a few seconds.
+_MOST_SMOOTHED = 200
 _MAX_ARGUMENT_BYTES = 131_072  # of one argument, in Linux
 
 Form = Literal["message", "goal"]
@@ -71,7 +73,7 @@ def plan(
             name="--as", help="A ROS message, or a FollowJointTrajectory goal.", group=WRITING
         ),
     ] = "message",
-    smoothest: bool = False,
+    smoothest: bool | None = None,
     timeout: Timeout = 600.0,
     json: Json = False,
 ) -> int:
@@ -85,7 +87,8 @@ def plan(
         out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
         force: Overwrite the file of --out.
         out_anyway: Write the motion even if it breaks a limit at any speed.
-        smoothest: Of all motions with its waypoint times take the smoothest, joint by joint.
+        smoothest: Of all motions with its waypoint times take the smoothest, joint by joint. By
+            default so in pictures and in samples of every cycle, where no planner is named.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
@@ -105,6 +108,8 @@ def plan(
         else:
             with closing(Supervised(planner, planned, timeout=timeout)) as chosen:
                 (trial,) = chosen.trials(planned, [seed])
+        if smoothest is None:
+            smoothest = planner is None and target is not None and _shows(target, planned)
         if smoothest:
             tell("the joints that do not decide are smoothed")
             trial = _smoothest(trial)
@@ -141,6 +146,16 @@ def plan(
     if json:
         console.print_json(table)
     return code
+
+
+def _shows(target: Target, problem: Problem) -> bool:
+    """Return whether a file shows how smooth a motion is: a picture, or samples of every cycle.
+
+    A message has points at the breaks, and the smoothest motion has several times as many. A route
+    of many segments and joints would take too long.
+    """
+    shown = target.path.suffix in PICTURES or (target.executed and not target.at_breaks)
+    return shown and problem.segments * problem.joints <= _MOST_SMOOTHED
 
 
 def _smoothest(trial: Trial) -> Trial:

@@ -39,6 +39,37 @@ def test_a_joint_with_slack_takes_the_quintic_from_rest_to_rest():
     assert verify(problem, found).feasible
 
 
+def test_a_joint_that_starts_in_motion_takes_the_quintic_between_its_states():
+    """Of least ∫ jerk² between (0, v, 0) and (h, 0, 0) in the time T is the quintic, whose
+    ∫ jerk² is (720 h² − 720 h v T + 192 v² T²) / T⁵."""
+    problem = Problem(
+        [[0.0, 0.0], [1.0, 0.1]], Limits([2.0, 2.0], [1.0, 1.0]), start_velocity=[0.0, 0.02]
+    )
+    optimum = load("exact").solve(problem).trajectory
+    found = smoothest(problem, optimum)
+    h, v, t = 0.1, 0.02, 2.0
+    expected = (720 * h**2 - 720 * h * v * t + 192 * v**2 * t**2) / t**5
+    assert jerks(problem, found)[1] == pytest.approx(expected, rel=1e-6)
+    assert verify(problem, found).feasible
+
+
+def test_between_segments_that_decide_a_joint_is_smooth():
+    """The first joint decides the first segment, the second joint the other one: each keeps its
+    motion there, and joins its states smoothly in the other segment."""
+    problem = Problem([[0.0, 0.0], [1.0, 0.1], [1.1, 1.1]], Limits([9.0, 0.2], [1.0, 1.0]))
+    optimum = load("exact").solve(problem).trajectory
+    found = smoothest(problem, optimum)
+    assert verify(problem, found).dilation <= 1 + 1e-9
+    first, middle, last = found.waypoint_times
+    for joint, begins, stops in ((0, first, middle), (1, middle, last)):
+        times = np.linspace(begins, stops, 50)[1:-1]
+        np.testing.assert_allclose(found(times)[:, joint], optimum(times)[:, joint], atol=1e-12)
+    for joint, begins, stops in ((1, first, middle), (0, middle, last)):
+        times = np.linspace(begins, stops, 50)[1:-1]
+        assert np.abs(np.diff(found(times, 2)[:, joint])).max() < 0.3
+        assert np.abs(np.diff(optimum(times, 2)[:, joint])).max() > 0.3  # it jumps
+
+
 def test_joints_that_decide_keep_their_motion_and_the_others_stop_jerking():
     problem = catalogue.load("robots-franka-panda-w4-jerk")
     optimum = records.answer(problem).trajectory
@@ -55,7 +86,7 @@ def test_joints_that_decide_keep_their_motion_and_the_others_stop_jerking():
 
 
 @pytest.mark.parametrize(
-    "change", [{"dwell": [0.0, 0.2, 0.0]}, {"start_velocity": [0.1]}, {"tolerance": 0.01}]
+    "change", [{"dwell": [0.0, 0.2, 0.0]}, {"least_times": [3.0, 0.0]}, {"tolerance": 0.01}]
 )
 def test_a_motion_with_demands_stays_as_it_is(change):
     problem = Problem([[0.0], [1.0], [0.5]], Limits([1.0], [1.0]), **change)

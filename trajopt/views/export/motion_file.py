@@ -80,6 +80,11 @@ class Target:
         sampled = self.path.suffix in (".csv", *MESSAGES)
         return sampled or self.goal or self.points is not None
 
+    @property
+    def at_breaks(self) -> bool:
+        """True for samples at the motion's breaks, not every cycle."""
+        return self.path.suffix != ".csv" if self.points is None else self.points == "breaks"
+
 
 @dataclass(frozen=True)
 class Executed:
@@ -246,10 +251,7 @@ def _write_executed(target: Target, trial: Trial) -> Executed:
     trajectory = _certified(trial)
     motion = on_cycle.moved(problem, trajectory, target.cycle)
     names = _names(problem)
-    at_breaks = target.path.suffix != ".csv"
-    if target.points is not None:
-        at_breaks = target.points == "breaks"
-    samples = motion.at_breaks(names) if at_breaks else motion.at_cycles(names)
+    samples = motion.at_breaks(names) if target.at_breaks else motion.at_cycles(names)
     samples = replace(samples, joint_units=problem.joint_units)
     with TemporaryDirectory() as folder:
         written = Path(folder) / f"motion{target.path.suffix}"
