@@ -252,13 +252,15 @@ def test_play_pauses_and_says_who_arrived(browser: Any, page: Path) -> None:
         const names = [play.textContent];
         while (play.textContent === "Pause") await wait(20);
         names.push(play.textContent, document.querySelector("[role=status]").textContent);
-        play.click(); await wait(60); play.click();
+        play.click();
+        while (["0", slider.max].includes(slider.value)) await wait(5);
+        play.click();
         return [...names, play.textContent, Number(slider.value)];""",
     )
     assert said[:2] == ["Pause", "Again"]
     assert said[2].startswith("All have arrived: exact 1.48 s, toppra 1.61 s")
     assert said[3] == "Play"
-    assert 0 < said[4] < 1
+    assert said[4] > 0
 
 
 def test_an_unknown_arm_has_a_dial_per_joint(browser: Any, tmp_path: Path) -> None:
