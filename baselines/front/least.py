@@ -29,7 +29,7 @@ from trajopt.core.dwell import between
 from trajopt.core.problem import Problem
 from trajopt.core.route import State
 from trajopt.core.trajectory import Trajectory, nearest
-from trajopt.judging.smoothness import smoothness, weights
+from trajopt.judging.smoothness import JUMP_RTOL, smoothness, squared_integral, weights
 from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import stop_times
 
@@ -232,11 +232,20 @@ def _smoother(alone: Problem, motion: Trajectory, first: int, last: int) -> Traj
     asked = Problem(waypoints, alone.limits, demands=demands)
     times = np.diff(part.waypoint_times)
     found = _ScaledProgram(asked, "jerk", part.duration, times, ends).solve(None, part)
-    if found is None or found.value >= smoothness(asked, part).jerk_integral * (1 - _GAIN_RTOL):
+    if found is None or _jerks(found.trajectory) >= _jerks(part) * (1 - _GAIN_RTOL):
         return motion
     spliced = _spliced(motion, found.trajectory, begins, stops)
     kept = verify(alone, spliced)
     return spliced if kept.feasible and kept.dilation <= 1 + _SAME_RTOL else motion
+
+
+def _jerks(motion: Trajectory) -> float:
+    """Return ∫ jerk² of a joint between its ends, infinite where its acceleration jumps."""
+    pieces = motion.pieces(2)
+    jumps = np.abs(pieces[-1, 1:] - pieces.sum(axis=0)[:-1])
+    if jumps.max(initial=0.0) > JUMP_RTOL * np.abs(pieces).max():
+        return np.inf
+    return float(squared_integral(motion, 3).sum())
 
 
 def _state(motion: Trajectory, time: float) -> State:

@@ -140,8 +140,8 @@ def smoothness(problem: Problem, trajectory: Trajectory) -> Smoothness:
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         jumps = [_jump(problem, trajectory, order) for order in range(3)]
         factors = weights(problem)
-        accelerations = factors * _squared(trajectory, 2)
-        jerks = factors * _squared(trajectory, 3)
+        accelerations = factors * squared_integral(trajectory, 2)
+        jerks = factors * squared_integral(trajectory, 3)
     if jumps[0] or jumps[1]:
         accelerations = np.full_like(accelerations, np.inf)
     if any(jumps):
@@ -166,7 +166,7 @@ def of_certified(
     return smoothness(problem, trajectory).dilated(max(1.0, certificate.dilation))
 
 
-def _squared(trajectory: Trajectory, order: int) -> Array:
+def squared_integral(trajectory: Trajectory, order: int) -> Array:
     """Return ∫ derivative² dt, `(joints,)`, by Gauss's rule, which is exact for polynomials."""
     unit_pieces = trajectory.pieces(order)
     nodes, shares = np.polynomial.legendre.leggauss(len(unit_pieces))
