@@ -42,7 +42,9 @@ _SLOWEST = 1e6
 _HALVINGS = 50
 # How often limits are tightened where the motion exceeds them, by how much of the excess (which is
 # of time: of a limit of jerk it is a third), and what counts as none.
-_TIGHTENED, _MARGIN, _WITHIN = 5, 3.2, 1e-7
+_TIGHTENED, _MARGIN, _WITHIN = 5, 3.2, 1e-9
+# And how far every bound is then kept away from, for what is between the points that are looked at.
+_EVERYWHERE = 2e-6
 # Coefficients that are nothing, relative to the joint's positions.
 _NOTHING_RTOL = 1e-25
 # Knots that are closer, relative to the path, are one.
@@ -203,6 +205,8 @@ def timed(
             knots = _cut(grid.knots, over, motion.lengths, lost, accuracy)
         grid = _OnKnots(path, limits, knots, ends, unit)
     margin = np.zeros(grid.program.count)
+    if exactly:  # at an end in motion a limit may be used whole
+        margin[1:-1] = _EVERYWHERE
     for _ in range(_TIGHTENED):
         if worst <= (_WITHIN if exactly else accuracy / 2):
             break

@@ -101,12 +101,21 @@ def test_a_line_left_and_reached_at_infinite_path_speed_is_timed_well(power: int
 
 
 def test_what_does_not_apply_is_null_with_its_reason() -> None:
-    found = explained(problem_of("jerk-limit"), RuckigStop())
+    loop = Problem([[0.0], [1.0], [0.0]], Limits([1.0], [2.0]), closed=True)
+    found = explained(loop, Exact())
     assert found.timing_gap is None
     assert found.route_gap is None
-    assert "jerk" in found.notes["timing_gap"]
+    assert "does not know closed" in found.notes["timing_gap"]
     assert found.gap == approx(found.certified_duration / found.exact - 1)
     assert found.steps() == {}
+
+
+def test_under_jerk_limits_a_gap_is_timing_times_path() -> None:
+    """Ruckig's motion with stops is the best timing of its path: the stops are its path's."""
+    found = explained(problem_of("jerk-limit"), RuckigStop())
+    assert found.timing_gap == approx(0, abs=1e-6)
+    assert (1 + found.timing_gap) * (1 + found.route_gap) == approx(1 + found.gap)
+    assert "it stops at waypoint 2" in found.notes["timing"]
 
 
 def test_a_dilated_or_segmentwise_spline_is_still_of_the_family() -> None:

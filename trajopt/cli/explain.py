@@ -21,14 +21,17 @@ from trajopt.cli.plan import print_trial
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
+from trajopt.core.trajectory import Trajectory
 from trajopt.explain import decomposition
-from trajopt.explain.active_limits import ActiveLimit, share_at_limits
+from trajopt.explain.active_limits import ActiveLimit, holds, share_at_limits
 from trajopt.explain.decomposition import Explanation
 from trajopt.judgement import without_jerk
 from trajopt.judging.verification import verify
 from trajopt.views.figures import draw
 
 RUNS = 30  # seeds of a stochastic planner; the median run is explained
+# Limits of the best timing of a path: how many are named, of those at which it is for this share.
+_NAMED, _MENTIONED = 3, 0.01
 MIN_SAVING_RTOL = 1e-5  # relative to the duration; limits that save less are not mentioned
 
 
@@ -152,21 +155,39 @@ def sentences(
             known += f" (recorded: {found.recorded})"
         yield f"{what}, {1 + found.gap:.3f} times the best known optimum, {known}."
     steps = found.steps()
-    yield _path_and_timing(found, dict(steps.get("path and timing", ())))
+    yield from _path_and_timing(problem, found, dict(steps.get("path and timing", ())))
     if "the 3-5-3 family" in steps:
         yield _family(found, dict(steps["the 3-5-3 family"]))
     yield _share_at_limits(problem, found)
     yield _active_limits(problem, found)
 
 
-def _path_and_timing(found: Explanation, step: dict[str, float]) -> str:
-    if not step:
+def _path_and_timing(problem: Problem, found: Explanation, step: dict[str, float]) -> Iterator[str]:
+    if found.retimed is None:
         why = found.notes.get("timing_gap") or found.notes.get("route_gap")
-        return f"Its timing and its path cannot be told apart: toppra: {why}."
-    timing = _percent(found.timing_gap)
-    path = _percent(found.route_gap)
-    own = f"The best timing of its own path takes {step['route']:.4f} s"
-    return f"{own}: its timing costs {timing}, its path {path}."
+        yield f"Its timing and its path cannot be told apart: {why}."
+        return
+    costs = f"its timing costs {_percent(found.timing_gap)}"
+    if step:
+        costs += f", its path {_percent(found.route_gap)}"
+    yield f"The best timing of its own path takes {found.retimed.duration:.4f} s: {costs}."
+    yield from held_along(problem, found.retimed, found.notes.get("timing", ""))
+
+
+def held_along(problem: Problem, motion: Trajectory, stops: str) -> Iterator[str]:
+    """Name the limits that hold the best timing of a path back, and say where it has to stop."""
+    found = [own for own in holds(problem, motion) if own.share > _MENTIONED][:_NAMED]
+    if found:
+        said = []
+        for longest, share in found:
+            whose = KINDS[longest.limit].name()
+            if longest.joint is not None:
+                whose += f" of {problem.joint_labels[longest.joint]}"
+            at = f"longest {longest.start:.2f}–{longest.end:.2f} s"
+            said.append(f"{whose} ({100 * share:.0f} % of its time, {at})")
+        yield f"That timing is held back by {', '.join(said)}."
+    if stops:
+        yield f"{stops[:1].upper()}{stops[1:]}."
 
 
 def _family(found: Explanation, step: dict[str, float]) -> str:

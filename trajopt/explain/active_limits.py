@@ -156,6 +156,26 @@ def stretches(
                 yield Stretch(found[own][0].joint, key, start, end)
 
 
+class Hold(NamedTuple):
+    """A limit that a motion is at: its longest interval there, and the share of all time."""
+
+    longest: Stretch
+    share: float
+
+
+def holds(problem: Problem, trajectory: Trajectory) -> list[Hold]:
+    """Return the limits of a motion that it is at, those that it is at for longest first."""
+    found: dict[tuple[str, int | None], list[Stretch]] = {}
+    for stretch in stretches(problem, trajectory):
+        found.setdefault((stretch.limit, stretch.joint), []).append(stretch)
+    every = []
+    for own in found.values():
+        total = sum(stretch.end - stretch.start for stretch in own)
+        longest = max(own, key=lambda stretch: stretch.end - stretch.start)
+        every.append(Hold(longest, total / trajectory.duration))
+    return sorted(every, key=lambda own: -own.share)
+
+
 def _number(place: int | None) -> int:
     """Return a joint or segment as a number to sort by; None comes first."""
     return -1 if place is None else place

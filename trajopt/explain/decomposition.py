@@ -63,9 +63,10 @@ class Explanation:
     - `1 + gap = (1 + optimiser_gap) (1 + shape_gap) (1 + smoothness_gap)`, of a 3-5-3 spline: over
       the best 3-5-3, that over the optimum with its jerk, and that over the optimum.
 
-    A gap that does not apply is None, and `notes` has the reason under its name. `trajectory` and
-    `optimum` are what was compared. Where the optimum was recorded and not computed, `recorded`
-    says where it comes from.
+    A gap that does not apply is None, and `notes` has the reason under its name. `trajectory`,
+    `retimed`, the best timing of its path, and `optimum` are what was compared; `notes` says under
+    "timing" where that path asks for stops. Where the optimum was recorded and not computed,
+    `recorded` says where it comes from.
     """
 
     certified_duration: float
@@ -81,6 +82,7 @@ class Explanation:
     trajectory: Trajectory = field(repr=False)
     optimum: Trajectory | None = field(repr=False)
     recorded: str = ""
+    retimed: Trajectory | None = field(repr=False, default=None)
 
     def steps(self) -> dict[str, list[tuple[str, float]]]:
         """Both decompositions that apply, from the optimum up: what was added, the duration, s."""
@@ -151,7 +153,10 @@ def explain(
     if recorded is not None and (recorded.duration or np.inf) < computed * (1 - _RECORDED_RTOL):
         optimum = recorded
         origin = recorded.reason
-    gaps, notes = _gaps(problem, own, optimum, timed=timed)
+    retimed = ReferenceAnswer(None, "its path is not timed anew")
+    if timed:
+        retimed = _retimed(problem, own)
+    gaps, notes = _gaps(problem, own, retimed, optimum)
     solver, savings_are_of = _solver(planner, problem, own)
     active = active_limits(problem, own, solver)
     if scattered(active, own.duration, dilatable=problem.route.dilatable):
@@ -165,6 +170,7 @@ def explain(
         trajectory=own,
         optimum=optimum.trajectory,
         recorded=origin,
+        retimed=retimed.trajectory,
     )
 
 
@@ -182,13 +188,10 @@ def _solver(
 
 
 def _gaps(
-    problem: Problem, trajectory: Trajectory, optimum: ReferenceAnswer, *, timed: bool
+    problem: Problem, trajectory: Trajectory, retimed: ReferenceAnswer, optimum: ReferenceAnswer
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Return every gap by name; None, with a note, where it does not apply."""
     own = ReferenceAnswer(trajectory)
-    retimed = ReferenceAnswer(None, "its path is not timed anew")
-    if timed:
-        retimed = _retimed(problem, trajectory)
     best = _best_spline(problem, trajectory)
     smooth = _as_smooth(problem, best)
     pairs = {
@@ -201,6 +204,8 @@ def _gaps(
     }
     gaps: dict[str, float | None] = {}
     notes = {}
+    if retimed.trajectory is not None and retimed.reason:
+        notes["timing"] = retimed.reason
     for name, (above, below) in pairs.items():
         if above.duration is None or below.duration is None:
             gaps[name] = None
@@ -230,16 +235,21 @@ def _shorter(own: Trajectory, answer: ReferenceAnswer) -> ReferenceAnswer:
 
 
 def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
-    """Return the best timing of the trajectory's own path: TOPP-RA's, or its own if shorter."""
+    """Return the best timing of the trajectory's own path, or its own if that is shorter.
+
+    The reason of an answer says where the path has to stop.
+    """
     try:
         planner = load(PATH_TIMING)
         reason = planner.unsupported(problem)
         if reason is not None:
             return ReferenceAnswer(None, reason)
-        answer = judged(problem, planner, _along(planner, problem, own))
+        solution = _along(planner, problem, own)
+        answer = judged(problem, planner, solution)
     except TrajoptError as error:
         return ReferenceAnswer(None, str(error))
-    return _shorter(own, answer)
+    shorter = _shorter(own, answer)
+    return shorter._replace(reason=answer.reason or solution.message)
 
 
 def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
@@ -252,7 +262,8 @@ def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
     motions = [answer.trajectory for answer in answers if answer.trajectory is not None]
     if len(motions) < len(answers):
         return next(answer for answer in answers if answer.trajectory is None)
-    return Solution(Status.SOLVED, dwell.joined(problem, motions))
+    said = "; ".join(answer.message for answer in answers if answer.message)
+    return Solution(Status.SOLVED, dwell.joined(problem, motions), said)
 
 
 def _best_spline(problem: Problem, own: Trajectory) -> ReferenceAnswer:

@@ -40,8 +40,8 @@ BUG_RTOL = 1e-6
 REFINED_RTOL = 1e-4
 """Refined collocation is above the optimum by at most this."""
 
-PATH_TIMING = "toppra"
-"""The fastest timing of a given path, by its method `along`."""
+PATH_TIMING = "along:accuracy=0.0003"
+"""The fastest timing of a given path under every kind of limit, by its method `along`."""
 
 BEST_353 = "spline353-nlp"
 """The best 3-5-3 spline with shared times."""
