@@ -167,15 +167,14 @@ def _guesses(scaled: Passing, count: int) -> Iterator[Guess]:
     return islice(chain(*first, random), count)
 
 
-def times(problem: Problem, passing: Array | None) -> Array | None:
-    """Return the times of the segments of the first method's answer, s; None where it has none.
+def without_jerk(problem: Problem, passing: Array | None) -> Trajectory | None:
+    """Return the motion of the first method without jerk limits; None where it has none.
 
     Args:
         problem: Its jerk limits are ignored.
         passing: Further limits at the waypoints, in the form that `Scaled` takes.
     """
-    motion = Exact()._solved(problem.without("jerk"), None, passing).trajectory
-    return None if motion is None else np.diff(motion.waypoint_times)
+    return Exact()._solved(problem.without("jerk"), None, passing).trajectory
 
 
 def _solved_near(

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baselines.exact.acceleration import Exact, boxes
-from baselines.exact.acceleration.planner import times as times_without_jerk
+from baselines.exact.acceleration.planner import without_jerk
 from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
 from baselines.exact.method import brief_steps, free_pieces, gate
-from baselines.exact.method.free_pieces import FreeOptimum
+from baselines.exact.method.free_pieces import FreeGuess, FreeOptimum
 from baselines.exact.method.interior_point import (
     begun,
     chosen,
@@ -178,7 +178,7 @@ class ExactJerk(SeveralStarts):
         below = certified(known, solution)
         if not firsts or below <= scaled.unit * firsts[0].times[0] * (1 + _SAME_RTOL):
             return solution
-        guesses = [share * firsts[0].times for share in _BESIDE_FIRST]
+        guesses = [FreeGuess(share * firsts[0].times) for share in _BESIDE_FIRST]
         other = _freely(problem, passing, self, True, below, guesses)
         return solution if other.trajectory is None else other
 
@@ -259,7 +259,7 @@ def _freely(
     planner: ExactJerk,
     _: bool,
     below: float,
-    guesses: Iterable[Array] | None = None,
+    guesses: Iterable[FreeGuess] | None = None,
 ) -> Solution:
     from baselines.exact.jerk.motion import Reachable
 
@@ -272,10 +272,7 @@ def _freely(
 
     scales = [Reachable(problem, passing=passing) for _ in free_pieces.SPARES]
     if guesses is None:
-        faster = times_without_jerk(problem, passing)
-        guesses = free_pieces.guesses(
-            scales[0], None if faster is None else faster / scales[0].unit
-        )
+        guesses = free_pieces.guesses(scales[0], without_jerk(problem, passing))
     return planner.freely(problem, scales, optimum, below, guesses)
 
 

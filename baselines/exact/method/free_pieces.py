@@ -39,8 +39,9 @@ SPARES = (0.0, 1e-12, 1e-10, 1e-8)
 # of stopping; then these times factors.
 _SHARES = (1.3, 1.3, 0.3)
 _MORE = (2.3, 1.5, 3.0)
-# Under jerk limits: shares of the fastest times without them, each before one of the others.
-_SLOWER = (1.3, 2.0, 1.0)
+# Under jerk limits, each before one of the others: the fastest motion without them so much slower,
+# and whether its velocities and places are taken too.
+_SLOWER = ((1.3, True), (2.0, False), (1.0, True))
 # Guesses times segments times joints, and iterations times these: bounds of the time.
 _MOST_CELLS = 36
 _MOST_ITERATIONS = 500
@@ -65,6 +66,18 @@ _OPTIONS: Options = {
     "acceptable_tol": 1e-9,
     "acceptable_constr_viol_tol": 1e-11,
 }
+
+
+class FreeGuess(NamedTuple):
+    """A guess: every joint in its mean velocity, or with the velocities and places of a motion.
+
+    Attributes:
+        times: of the segments, without units, `(segments,)`.
+        like: a motion whose waypoint times are a share of these.
+    """
+
+    times: Array
+    like: Trajectory | None = None
 
 
 class FreeOptimum(NamedTuple):
@@ -92,34 +105,36 @@ def choices(problem: Problem) -> int:
     return max(2, _MOST_CELLS // (problem.segments * problem.joints))
 
 
-def guesses(scaled: Scaled, faster: Array | None = None) -> Iterator[Array]:
-    """Yield guesses of the times of the segments, `(segments,)`; fewer of larger problems.
+def guesses(scaled: Scaled, faster: Trajectory | None = None) -> Iterator[FreeGuess]:
+    """Yield guesses; fewer of larger problems.
 
     Args:
         scaled: The problem.
-        faster: Times of a motion without jerk limits, where there is one.
+        faster: A motion without jerk limits, where there is one.
     """
     briefest = _BRIEFEST * scaled.stop
     cruising = np.maximum(scaled.shortest, briefest)
     even = np.full_like(cruising, cruising.mean())
-    found = [share * own for own, share in zip((cruising, even, scaled.stop), _SHARES, strict=True)]
+    pairs = zip((cruising, even, scaled.stop), _SHARES, strict=True)
+    found = [FreeGuess(share * own) for own, share in pairs]
     if faster is None:
-        found += [more * own for own, more in zip(found, _MORE, strict=True)]
+        found += [FreeGuess(more * own.times) for own, more in zip(found, _MORE, strict=True)]
     else:
-        slower = [share * np.maximum(faster, briefest) for share in _SLOWER]
+        times = np.maximum(np.diff(faster.waypoint_times) / scaled.unit, briefest)
+        slower = [FreeGuess(by * times, faster if whole else None) for by, whole in _SLOWER]
         found = list(chain.from_iterable(zip(slower, found, strict=True)))
     yield from found[: _MOST_CELLS // scaled.h.size]
 
 
-def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
-    """Return the motion to which IPOPT comes from a guess of the times, if it meets all waypoints.
+def minimised(scaled: Scaled, times: Array, like: Trajectory | None = None) -> FreeOptimum | None:
+    """Return the motion to which IPOPT comes from a guess, if it meets all waypoints.
 
     It may not have converged: a thousand iterations may change nothing but multipliers. The judge
     decides about the motion.
 
     Args:
         scaled: The problem, whose limits leave a share to rounding.
-        times: Of the segments, `(segments,)`.
+        times, like: As in `FreeGuess`.
     """
     segments, joints = scaled.h.shape
     jerky = scaled.r.max(axis=(0, 1)) > 0
@@ -162,8 +177,16 @@ def minimised(scaled: Scaled, times: Array) -> FreeOptimum | None:
     if np.any(low > high):
         return None
     h = scaled.h / way
-    mean = np.repeat(h / shares[:, None], pieces, axis=0)
-    guess = flat(shares, lengths, mean, still, still, 0 * box, missing + _MISSING)
+    speed, offset = np.repeat(h / shares[:, None], pieces, axis=0), 0 * box
+    if like is not None:
+        passed = like.waypoint_times
+        starts = np.linspace(passed[:-1], passed[1:], pieces, endpoint=False, axis=1).ravel()
+        speed = like(starts, 1) * (like.duration / (scaled.unit * times.sum()))
+        speed *= rate / scaled.units[2]
+        inner = slice(1, len(box) + 1)
+        offset = like(passed[inner]) - scaled.problem.waypoints[inner]
+        offset /= scaled.units[-1] * way
+    guess = flat(shares, lengths, speed, still, still, offset, missing + _MISSING)
     exact = flat(*longest, v_at_start[1], a_at_start[1], jerk[1], box, missing)
     solver = _solver(segments, joints, pieces)
     parameters = flat(h, rate * scaled.end_v[1:], bend * jerky * scaled.end_a[1:])

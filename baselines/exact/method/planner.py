@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from baselines.exact.method import bounds, free_pieces, one_piece
-from baselines.exact.method.free_pieces import FreeOptimum
+from baselines.exact.method.free_pieces import FreeGuess, FreeOptimum
 from baselines.exact.method.scaled import leave
 from baselines.several_starts import no_start_succeeded, optima_together, still_wanted
 from baselines.sizes import announce, cells
@@ -203,7 +203,7 @@ class SeveralStarts(Planner):
         scales: Sequence[Any],
         optimum: Callable[[Any, FreeOptimum], LocalOptimum],
         below: float,
-        guesses: Iterable[Array],
+        guesses: Iterable[FreeGuess],
     ) -> Solution:
         """Return the shortest answer of the second method (`exact.method.free_pieces`).
 
@@ -213,15 +213,15 @@ class SeveralStarts(Planner):
                 `free_pieces.SPARES`.
             optimum: Returns what the planner makes a motion of.
             below: Duration of a known answer, s; a longer one is none.
-            guesses: Of the segments' times, without units.
+            guesses: Where it begins.
         """
         known = problem.without(*self.unknown(problem))
         for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
             leave(scaled, spare)
         shortest, best = below / scales[0].unit, None
-        for times in guesses:
+        for guess in guesses:
             for scaled in scales:
-                found = free_pieces.minimised(scaled, times)
+                found = free_pieces.minimised(scaled, *guess)
                 if found is None or not found.times.sum() < shortest:
                     break
                 motion = motion_of(scaled, optimum(scaled, found))

@@ -111,7 +111,7 @@ def test_where_only_one_motion_is_left_the_answer_keeps_its_limits_to_rounding()
         end_acceleration=[2.1784229307828],
     )
     scaled = Reachable(problem)
-    _, even, *_ = free_pieces.guesses(scaled)
+    _, (even, _), *_ = free_pieces.guesses(scaled)
     found = minimised(scaled, even)
     assert found is not None
     motion = free_pieces.motion(scaled, found)
