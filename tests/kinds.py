@@ -12,10 +12,10 @@ import numpy as np
 from trajopt.core.limits import KINDS, JointState, Quantity, Row, RowLimit
 
 
-class ToolSpeed(RowLimit):
-    """Speed of the tool of a planar arm."""
+class TipSpeed(RowLimit):
+    """Speed of the tip of a planar arm."""
 
-    key = "tool_speed"
+    key = "tip_speed"
     degree = 2
     fields = (
         Quantity("links", metres=1),
@@ -79,6 +79,6 @@ class Power(RowLimit):
             yield Row(at.v[joint] * at.a[joint] / self.column("power")[joint], high=1.0)
 
 
-STRANGERS = {kind.key: kind for kind in (ToolSpeed, SpeedsTogether, Apart, Torque, Power)}
+STRANGERS = {kind.key: kind for kind in (TipSpeed, SpeedsTogether, Apart, Torque, Power)}
 for _key in STRANGERS:
     del KINDS[_key]

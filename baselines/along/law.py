@@ -191,7 +191,7 @@ def excess(limits: Limits, states: Array, rates: Array, segments: Indices) -> tu
                     continue
                 left = np.maximum(sign * (bound - rest.value), _SMALLEST_BOUND)
                 over = sign * (row.value - bound) / left
-                slower = np.maximum(slower, over / (limit.degree or 2))
+                slower = np.maximum(slower, over / (limit.power * (limit.degree or 2)))
                 room = np.minimum(room, -over)
     return slower, room
 

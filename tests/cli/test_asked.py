@@ -373,7 +373,7 @@ def test_what_a_file_of_limits_says_in_vain(run):
     Path("limits.yaml").write_text(text, encoding="utf-8")
     code, _, err = run(f"plan w.csv {ROBOT} --out motion.json")
     assert (code, err.count("\n")) == (0, 3)
-    assert "limits.yaml: cartesian_limits is left out: limits of the tool are not" in err
+    assert "limits.yaml: cartesian_limits is left out: of the tool's limits, that" in err
     assert "limits.yaml: max_effort is left out: torques are not" in err
     assert "left out, as robot.urdf has no such joint: onne, gripper" in err
     alone = "joint_limits:\n  onne: {max_velocity: 3}\n  two: {max_velocity: 3}\n"
@@ -458,8 +458,8 @@ ELSEWHERE = {
     "torque": "torques are not",
     "max_torque": "torques are not",
     "effort_limits": "torques are not",
-    "tcp_speed": "limits of the tool are not",
-    "cartesian_velocity": "limits of the tool are not",
+    "tcp_speed": "of the tool's limits, that of its speed is",
+    "cartesian_velocity": "of the tool's limits, that of its speed is",
     "obstacles": "obstacles are not",
     "collision_objects": "obstacles are not",
     "orientation": "poses of the tool are not",
@@ -546,7 +546,7 @@ def test_help_is_a_command(run):
     _, out, err = run("help")
     assert err == ""
     words = " ".join(out.split())
-    assert "Not in scope: obstacles, torques, tool speed, orientation." in words
+    assert "Not in scope: obstacles, torques, orientation." in words
     assert max(map(len, out.splitlines())) <= 80
 
 
@@ -585,3 +585,45 @@ def test_the_completion_script_is_installed_and_sound(run, tmp_path, monkeypatch
     installed = cli.app.install_completion(shell=shell)
     assert installed.is_relative_to(tmp_path)
     assert installed.read_text(encoding="utf-8") == script
+
+
+ARM = """<robot name="r"><link name="base"/><link name="a"/><link name="b"/><link name="tool"/>
+<joint name="one" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2"/></joint>
+<joint name="two" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<origin xyz="0.6 0 0"/><limit lower="-3" upper="3" velocity="2"/></joint>
+<joint name="fixed" type="fixed"><parent link="b"/><child link="tool"/>
+<origin xyz="0.4 0 0"/></joint></robot>"""
+
+
+def test_a_tool_speed_on_the_command_line(run):
+    """Of waypoints with a URDF, of a robot's problem, and of a motion by limits alone."""
+    Path("arm.urdf").write_text(ARM, encoding="utf-8")
+    Path("w.csv").write_text("one,two\n0,0\n1,0\n", encoding="utf-8")
+    limits = "--urdf arm.urdf --acceleration 2"
+    code, _, err = run(f"plan w.csv {limits} --tool-speed 0.5 --planner along --out m.json")
+    assert code == 0, err
+    # joint one alone turns 1 m about the base: 1 rad at 0.5 rad/s, with 2 rad/s²
+    told = json.loads(run(f"verify m.json {limits} --tool-speed 0.5 --json")[1])
+    assert told["certificate"]["feasible"]
+    assert told["duration"] == pytest.approx(1 / 0.5 + 0.5 / 2, rel=1e-3)
+    told = json.loads(run(f"verify m.json {limits} --tool-speed 0.25 --json")[1])
+    assert told["dilation"] == pytest.approx(2.0, rel=1e-3)
+    assert run(f"judge m.json w.csv {limits} --tool-speed 0.25")[0] == 1
+    code, out, _ = run("plan robots-crs-a255-w4 --tool-speed 1")
+    assert code == 2
+    code, out, _ = run("plan robots-ur5e-w4 --tool-speed 1 --planner exact")
+    assert (code, "it does not know tool speed limits" in out) == (1, True)
+
+
+def test_a_tool_speed_of_joints_without_frames_gets_a_line(run):
+    Path("arm.urdf").write_text(ARM.replace('link="b"', 'link="a"'), encoding="utf-8")
+    Path("w.csv").write_text("one,two\n0,0\n1,0\n", encoding="utf-8")
+    flags = "--urdf arm.urdf --acceleration 2"
+    code, _, err = run(f"plan w.csv {flags} --tool-speed 0.5")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "link frames" in err
+    assert "two" in err
+    code, _, err = run(f"plan w.csv {flags} --tool-speed 0")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--tool-speed" in err

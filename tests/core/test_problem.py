@@ -61,7 +61,7 @@ REFUSED = [
         "colour",
         None,
         "1",
-        "one of the keys angle_unit, closed, duration, dwell",
+        "one of the keys angle_unit, chain, closed, duration",
     ),
     ({"velocity": None}, "limits.velocity", None, None, "it is missing"),
     ({"acceleration": None}, "limits.acceleration", None, None, "it is missing"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tests.kinds import Power, SpeedsTogether, ToolSpeed, Torque
+from tests.kinds import Power, SpeedsTogether, TipSpeed, Torque
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Quantity
@@ -61,7 +61,7 @@ def test_what_has_no_bounds_says_so():
         np.log(Enclosure.of_polynomial(np.ones((2, 1))))
 
 
-@pytest.mark.parametrize("kind", [ToolSpeed, Power, SpeedsTogether, Torque])
+@pytest.mark.parametrize("kind", [TipSpeed, Power, SpeedsTogether, Torque])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_worst_use_is_that_of_dense_samples(kind, seed):
     own = motion(2, seed=seed)
@@ -83,7 +83,7 @@ def test_a_tool_at_its_limit_all_the_time_is_judged_exactly():
     steady = Trajectory(
         [0.0, 1.0, 3.0], np.tile([[[0.8, 0.0]], [[0.0, 0.3]]], (1, 2, 1)), [0.0, 3.0]
     )
-    limit = ToolSpeed(np.array([[0.5, 0.4], [0.0, 0.4]]))
+    limit = TipSpeed(np.array([[0.5, 0.4], [0.0, 0.4]]))
     assert limit.worst(steady).value == pytest.approx(1.0, abs=3e-8)
     assert limit.dilation(limit.worst(steady), steady) == pytest.approx(1.0, abs=3e-8)
 
@@ -133,7 +133,7 @@ waypoints = [[0, 20], [40, 60]]
 [limits]
 velocity = [180, 180]
 acceleration = [600, 600]
-tool_speed = { links = [0.6, 0.4], speed = 0.5 }
+tip_speed = { links = [0.6, 0.4], speed = 0.5 }
 pendulum_torque = { gravity = [5.0, 6.0], torque = [8.0, 9.0] }
 motor_power = { power = [4000.0, 5000.0] }
 """
@@ -144,8 +144,8 @@ def test_a_file_states_the_fields(tmp_path):
     file.write_text(TEXT)
     problem = Problem.from_toml(file)
     kinds = problem.limits.kinds
-    assert kinds["tool_speed"].column("links").tolist() == [0.6, 0.4]  # metres have no angle
-    assert kinds["tool_speed"].column("speed").tolist() == [0.5, 0.5]
+    assert kinds["tip_speed"].column("links").tolist() == [0.6, 0.4]  # metres have no angle
+    assert kinds["tip_speed"].column("speed").tolist() == [0.5, 0.5]
     assert kinds["motor_power"].numbers[:, 0] == pytest.approx(
         np.radians(1) ** 2 * np.array([4e3, 5e3])
     )
@@ -153,14 +153,14 @@ def test_a_file_states_the_fields(tmp_path):
     again = Problem.from_toml(file)
     assert again == problem
     assert again.digest() == problem.digest()
-    wider = problem.limits.widened("tool_speed", None, 0.01).kinds["tool_speed"]
+    wider = problem.limits.widened("tip_speed", None, 0.01).kinds["tip_speed"]
     assert wider.numbers.tolist() == [[0.6, 0.505], [0.4, 0.505]]
 
 
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
-        ("links = [0.6, 0.4]", "limits.tool_speed"),
+        ("links = [0.6, 0.4]", "limits.tip_speed"),
         ("links = [0.6], speed = 0.5", "2 values, a number per joint"),
         ('links = [0.6, "a"], speed = 0.5', "joint 2"),
         ("links = [0.6, 0.4], speed = [0.5, 0.5]", "a number"),

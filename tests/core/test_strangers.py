@@ -21,7 +21,7 @@ from trajopt.planners.testing import ContractError
 from trajopt.planners.testing_limits import check_limit
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "limit-package"
-MODULE = (EXAMPLE / "tool_speed.py").read_text(encoding="utf-8")
+MODULE = (EXAMPLE / "tip_speed.py").read_text(encoding="utf-8")
 
 
 def installed(folder: Path, name: str, points: dict[str, str], module: str) -> None:
@@ -78,7 +78,7 @@ def test_the_kind_of_a_package_is_compared_verified_and_unknown_without_it(tmp_p
     """The example's problem: 4.441 s along the chords, and 4.52 s are possible."""
     packages = tmp_path / "packages"
     packages.mkdir()
-    installed(packages, "tool_speed", {"tool_speed": "tool_speed:ToolSpeed"}, MODULE)
+    installed(packages, "tip_speed", {"tip_speed": "tip_speed:TipSpeed"}, MODULE)
     shutil.copy(EXAMPLE / "two-links.toml", tmp_path)
     planner = "collocation-refined:starts=1,refinements=1"
     asked = ("compare", "two-links.toml", "--planner", planner, "--output", "results")
@@ -87,13 +87,13 @@ def test_the_kind_of_a_package_is_compared_verified_and_unknown_without_it(tmp_p
     found = run(tmp_path, "verify", "results", "--json", packages=packages)
     assert found.returncode == 0, found.stderr
     assert 4.4411 < json.loads(found.stdout)["trials"][0]["certified_duration"] < 4.52
-    shutil.copy(EXAMPLE / "tool_speed.py", tmp_path)
-    by_file = run(tmp_path, "verify", "results", "--kind", "tool_speed.py:ToolSpeed")
+    shutil.copy(EXAMPLE / "tip_speed.py", tmp_path)
+    by_file = run(tmp_path, "verify", "results", "--kind", "tip_speed.py:TipSpeed")
     assert by_file.returncode == 0, by_file.stderr
-    shutil.move(tmp_path / "tool_speed.py", packages / "moved.py")
+    shutil.move(tmp_path / "tip_speed.py", packages / "moved.py")
     without = run(tmp_path, "verify", "results")
     assert without.returncode == 2
-    assert "'tool_speed' limits, a kind that is not known here" in without.stderr
+    assert "'tip_speed' limits, a kind that is not known here" in without.stderr
     assert "damaged" not in without.stderr
     assert without.stderr.count("\n") == 1
 
@@ -102,7 +102,7 @@ def test_a_package_is_imported_when_a_problem_has_its_key(package):
     package(
         "loud",
         {"loud": "loud:Loud"},
-        MODULE.replace("ToolSpeed", "Loud").replace("tool_speed", "loud"),
+        MODULE.replace("TipSpeed", "Loud").replace("tip_speed", "loud"),
     )
     assert "loud" not in sys.modules
     Problem([[0.0], [1.0]], Limits([1], [1]))
@@ -119,23 +119,23 @@ def test_a_package_is_imported_when_a_problem_has_its_key(package):
     ("points", "module", "key", "words"),
     [
         (
-            {"toolspeed": "wrong:ToolSpeed"},
+            {"tipspeed": "wrong:TipSpeed"},
             MODULE,
-            "toolspeed",
-            "'tool_speed', at wrong:ToolSpeed of package wrong",
+            "tipspeed",
+            "'tip_speed', at wrong:TipSpeed of package wrong",
         ),
-        ({"raises": "wrong:ToolSpeed"}, "raise RuntimeError('no disk')", "raises", "no disk"),
+        ({"raises": "wrong:TipSpeed"}, "raise RuntimeError('no disk')", "raises", "no disk"),
         ({"absent": "wrong:Missing"}, MODULE, "absent", "wrong:Missing"),
         ({"number": "wrong:np"}, MODULE, "number", "a subclass of Limit"),
         (
-            {"mine": "wrong:ToolSpeed"},
-            MODULE.replace('"tool_speed"', '"velocity"'),
+            {"mine": "wrong:TipSpeed"},
+            MODULE.replace('"tip_speed"', '"velocity"'),
             "mine",
             "trajopt.core.limits.joint_limit.Velocity has this one",
         ),
         (
-            {"odd": "wrong:ToolSpeed"},
-            MODULE.replace('"tool_speed"', '"Tool Speed"'),
+            {"odd": "wrong:TipSpeed"},
+            MODULE.replace('"tip_speed"', '"Tip Speed"'),
             "odd",
             "small letters",
         ),
@@ -150,14 +150,14 @@ def test_a_package_that_is_wrong_gets_a_line(package, points, module, key, words
 
 
 def test_a_package_cannot_take_a_key_of_ours(package, capsys):
-    package("taking", {"velocity": "taking:ToolSpeed"}, MODULE)
+    package("taking", {"velocity": "taking:TipSpeed"}, MODULE)
     assert Limits([1], [1]).kinds["velocity"].key == "velocity"
     assert "taking" not in sys.modules
     from trajopt.cli import main
 
     with pytest.raises(SystemExit):
         main(["list", "limits"])
-    assert "taking:ToolSpeed of package taking has this key too" in " ".join(
+    assert "taking:TipSpeed of package taking has this key too" in " ".join(
         capsys.readouterr().out.split()
     )
 
@@ -168,7 +168,7 @@ def test_kinds_of_others_come_after_ours_whoever_is_imported_first(package):
         package(
             name,
             {name: f"{name}:{kind}"},
-            MODULE.replace("ToolSpeed", kind).replace("tool_speed", name),
+            MODULE.replace("TipSpeed", kind).replace("tip_speed", name),
         )
     stated = {"links": [0.5], "speed": 0.1}
     own = Limits([1], [1], second=stated, first=stated)
@@ -180,7 +180,7 @@ def test_kinds_of_others_come_after_ours_whoever_is_imported_first(package):
     [
         ("nowhere.py:X", InvalidInput, "a Python file that exists"),
         ("", InvalidInput, "FILE.py:NAME"),
-        ("own.py:Other", UnknownName, "known: ToolSpeed"),
+        ("own.py:Other", UnknownName, "known: TipSpeed"),
         ("empty.py:X", UnknownName, "known: none"),
         ("own.py:np", InvalidInput, "a subclass of Limit"),
         ("broken.py:X", TrajoptError, "SyntaxError"),
@@ -201,7 +201,7 @@ def test_a_file_that_is_wrong_gets_a_line(package, tmp_path, monkeypatch, spec, 
 @pytest.mark.usefixtures("strangers")
 def test_kinds_keep_the_contract(capsys):
     two = {
-        "tool_speed": {"links": [0.6, 0.4], "speed": 0.5},
+        "tip_speed": {"links": [0.6, 0.4], "speed": 0.5},
         "pendulum_torque": {"gravity": [5.0, 6.0], "torque": [8.0, 9.0]},
         "motor_power": {"power": [4.0, 5.0]},
         "apart": {"difference": 4.0},
@@ -285,7 +285,7 @@ def test_rows_that_raise_are_a_line(package):
     package(
         "raising",
         {"raising": "raising:Raising"},
-        raising.replace("ToolSpeed", "Raising").replace("tool_speed", "raising"),
+        raising.replace("TipSpeed", "Raising").replace("tip_speed", "raising"),
     )
     limit = Limits([1], [1], raising={"links": [0.5], "speed": 0.1}).kinds["raising"]
     motion = Trajectory([0.0, 1.0], [[[1.0]], [[0.0]]], [0.0, 1.0])
@@ -294,8 +294,8 @@ def test_rows_that_raise_are_a_line(package):
     assert said(error) == "the rows of raising limits raise ValueError: no idea"
     one_sided = (
         MODULE.replace("high=1.0", "low=0.0, high=1.0")
-        .replace("ToolSpeed", "Sided")
-        .replace("tool_speed", "sided")
+        .replace("TipSpeed", "Sided")
+        .replace("tip_speed", "sided")
     )
     package("sided", {"sided": "sided:Sided"}, one_sided)
     limit = Limits([1], [1], sided={"links": [0.5], "speed": 0.1}).kinds["sided"]
@@ -323,7 +323,7 @@ def test_a_kind_of_a_script_needs_a_file_of_its_own(tmp_path):
 if __name__ == "__main__":
     from trajopt import Limits, Problem, compare
 
-    limits = Limits([1, 1], [2, 2], tool_speed={"links": [0.6, 0.4], "speed": 0.5})
+    limits = Limits([1, 1], [2, 2], tip_speed={"links": [0.6, 0.4], "speed": 0.5})
     problem = Problem([[0.0, 0.0], [1.0, -1.0]], limits, "script")
     compare([problem], ["collocation"], "results")
 """
@@ -331,4 +331,4 @@ if __name__ == "__main__":
     (tmp_path / "script.py").write_text(script)
     command = [sys.executable, "script.py"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert "limits.tool_speed is 'a class of this script': expected a kind in a file" in done.stderr
+    assert "limits.tip_speed is 'a class of this script': expected a kind in a file" in done.stderr

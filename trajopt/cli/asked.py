@@ -10,10 +10,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -23,6 +23,7 @@ from trajopt.cli.parameters import ROBOT, number
 from trajopt.core import files, problem_file
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
+from trajopt.core.limits import KINDS, Limits
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, urdf, waypoints
 from trajopt.formats.motion import WITH_UNITS
@@ -51,8 +52,14 @@ class RobotOptions:
     no_unwrap: bool = False
 
     @property
-    def said(self) -> dict[str, object]:
-        """Return the flags that were given, with their values."""
+    def numbers(self) -> dict[str, float]:
+        """Return the limits that are one number, by key (`Limit.flag`)."""
+        stated = {key: getattr(self, key, None) for key in _FLAGS}
+        return {key: number for key, number in stated.items() if number is not None}
+
+    @property
+    def of_waypoints(self) -> dict[str, object]:
+        """Return the flags that were given and go with waypoints alone, with their values."""
         flags = {
             "--robot": self.robot,
             "--urdf": self.urdf,
@@ -63,6 +70,12 @@ class RobotOptions:
         }
         return {flag: value for flag, value in flags.items() if value is not None}
 
+    @property
+    def said(self) -> dict[str, object]:
+        """Return all flags that were given, with their values."""
+        numbers = {f"--{key.replace('_', '-')}": own for key, own in self.numbers.items()}
+        return {**self.of_waypoints, **numbers}
+
 
 MotionUnit = Annotated[
     str | None,
@@ -70,7 +83,20 @@ MotionUnit = Annotated[
         help="Units of the motion where its header has none, as --unit of waypoints.", group=ROBOT
     ),
 ]
-RobotFlags = Annotated[RobotOptions, Parameter(name="*", group=ROBOT)]
+_FLAGS = {key: kind.flag for key, kind in KINDS.items() if kind.flag}
+
+
+def _with_numbers() -> type[RobotOptions]:
+    """Return the flags with an option for each kind of limit that is one number."""
+    hints = {key: Annotated[float | None, number(words, above=0)] for key, words in _FLAGS.items()}
+    members = {"__annotations__": hints, "__module__": __name__, **dict.fromkeys(hints)}
+    return dataclass(frozen=True)(type("RobotFlags", (RobotOptions,), members))
+
+
+if TYPE_CHECKING:
+    RobotFlags = RobotOptions
+else:
+    RobotFlags = Annotated[_with_numbers(), Parameter(name="*", group=ROBOT)]
 NO_FLAGS = RobotOptions()
 
 
@@ -87,11 +113,23 @@ def _is_waypoints(name_or_path: str) -> bool:
 
 def problems(names: Sequence[str], robot: RobotOptions) -> list[Problem]:
     """Return several problems to plan, each once; the flags go to those that are waypoints."""
-    takes_flags = any(map(_is_waypoints, names))
-    if not takes_flags:
+    if not any(map(_is_waypoints, names)):
         _check_unused(", ".join(names) or "--suite", robot)
-    flags = {name: robot if _is_waypoints(name) else NO_FLAGS for name in names}
-    return [problem(name, own, scaled=True) for name, own in flags.items()]
+    found = []
+    for name in names:
+        if _is_waypoints(name):
+            found.append(problem(name, robot, scaled=True))
+        else:
+            found.append(with_numbers(problem(name, scaled=True), robot))
+    return found
+
+
+def with_numbers(problem: Problem, robot: RobotOptions) -> Problem:
+    """Return a problem with the limits that are one number, in place of its own of these kinds."""
+    if not robot.numbers:
+        return problem
+    limits: dict[str, Any] = {**problem.limits.kinds, **robot.numbers}
+    return replace(problem, limits=Limits(**limits), chain=catalogue.chain(problem))
 
 
 def problem(
@@ -118,7 +156,7 @@ def problem(
     with kinds.reading(path, "waypoints" if robot.said else "problem"):
         if not _is_waypoints(name_or_path):
             _check_unused(name_or_path, robot)
-            return catalogue.load(name_or_path)
+            return with_numbers(catalogue.load(name_or_path), robot)
         if not path.exists():
             raise files.absent(path)
         own = robot_limits(name_or_path, robot)
@@ -175,7 +213,7 @@ def check_motion_unit(unit: str | None, motions: Sequence[Path], flag: str) -> N
 
 
 def _check_unused(name: str, robot: RobotOptions) -> None:
-    for flag, value in robot.said.items():
+    for flag, value in robot.of_waypoints.items():
         endings = ", ".join(waypoints.ENDINGS)
         right = f"no such flag with {name}, which has its own; it goes with waypoints ({endings})"
         raise InvalidInput(flag, right, value=str(value))
@@ -210,7 +248,7 @@ def robot_limits(name: str, robot: RobotOptions) -> RobotLimits:
         raise InvalidInput("joint_limits", right, file=found.source)
     if robot.acceleration is not None:
         found = found.with_acceleration(robot.acceleration)
-    return found
+    return replace(found, stated=robot.numbers)
 
 
 def units(name_or_path: str, robot: RobotOptions) -> Sequence[str]:

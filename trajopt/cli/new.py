@@ -47,6 +47,7 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # acceleration = [5, 5, 5, 5, 5, 5]                       # rad/s²
 # jerk = [50, 50, 50, 50, 50, 50]                         # rad/s³; real controllers want some
 # position = [[-6, 6], [-6, 6], [-3, 3], [-6, 6], [-6, 6], [-6, 6]]   # rad
+# tool_speed = 0.25                                       # m/s, by the robot's link frames
 # # Velocity that falls near joint ends: falling_velocity = true is the robot's own (franka-fr3),
 # # or a table with offset, deceleration and position.
 

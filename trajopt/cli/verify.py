@@ -230,7 +230,7 @@ def _executed(
         name = str(robot.limits)
         if robot.limits.is_file() or name not in arm_files():
             with kinds.reading(robot.limits, "limits"):
-                problem = catalogue.load(name)
+                problem = asked.with_numbers(catalogue.load(name), robot)
             asked.note_acceleration(robot, completed=())
             stated = zip(problem.joint_labels, problem.joint_units, strict=False)
             units = dict(stated) or dict.fromkeys(problem.joint_names, "rad")

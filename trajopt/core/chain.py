@@ -20,6 +20,8 @@ from trajopt.core.exceptions import InvalidInput
 KEYS = ("xyz", "rpy", "axis", "tool_xyz", "tool_rpy")
 """The keys of a chain in a robot's file; those of the tool are optional."""
 REQUIRED = KEYS[:3]
+_ROUNDING = 1e-15
+"""Entries of rotations that are smaller are rounded zeros: a tool's place changes by 1e-15 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +70,48 @@ class LinkChain:
         """Return the pose of the tool, m, `(…, 4, 4)`, at positions `(…, joints)`, rad (m)."""
         return self.frames(q)[..., -1, :, :]
 
+    def moving_tool(self, q: Sequence[Any], v: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        """Return position, m, and velocity, m/s, of the tool's origin: x, y and z of each.
+
+        The formula takes whatever knows `+`, `−`, `×`, and NumPy's sine and cosine: numbers, arrays
+        of states, enclosures, symbols.
+
+        Args:
+            q: Position of each joint, rad (m).
+            v: Velocity of each joint, rad/s (m/s).
+        """
+        place: list[Any] = self.tool[:3, 3].tolist()
+        speed: list[Any] = [0.0, 0.0, 0.0]
+        # from the tool to the base: each joint moves what follows it, in its own frame
+        for joint in reversed(range(self.joints)):
+            turn, shift = self.origins[joint, :3, :3], self.origins[joint, :3, 3].tolist()
+            if self.slides[joint]:
+                axis = self.axes[joint].tolist()
+                place = _plus(place, [q[joint] * own for own in axis])
+                speed = _plus(speed, [v[joint] * own for own in axis])
+            else:
+                cross = self._crosses[joint]
+                lever = _applied(cross, place)
+                speed = _plus(speed, [v[joint] * own for own in lever])
+                sine, cosine = np.sin(q[joint]), np.cos(q[joint])
+                place, speed = (_turned(cross, sine, cosine, own) for own in (place, speed))
+            place, speed = _plus(_applied(turn, place), shift), _applied(turn, speed)
+        return place, speed
+
+    @property
+    def _crosses(self) -> Array:
+        """Return the matrices of the cross products with the axes, `(joints, 3, 3)`."""
+        x, y, z = self.axes.T
+        zero = np.zeros_like(x)
+        return _matrix([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+
     def _moves(self, q: Array) -> Array:
         """Return what each joint's own motion does to its frame, `(…, joints, 4, 4)`.
 
         A turn by the angle θ about the unit vector u is `1 + sin θ [u] + (1 − cos θ) [u]²`
         (Rodrigues).
         """
-        x, y, z = self.axes.T
-        zero = np.zeros_like(x)
-        cross = _matrix([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+        cross = self._crosses
         angle = np.where(self.slides, 0.0, q)[..., None, None]
         moves = np.zeros((*q.shape, 4, 4), dtype=angle.dtype)
         moves[..., :3, :3] = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
@@ -106,13 +141,14 @@ class LinkChain:
         return cls(_matrix(rows), axes, np.zeros(len(a), dtype=bool))
 
     @classmethod
-    def read(cls, table: Mapping[str, Any], joints: int) -> LinkChain:
-        """Return the chain of turning joints that a robot's file states.
+    def read(cls, table: Mapping[str, Any], joints: int, slides: Bools | None = None) -> LinkChain:
+        """Return the chain that a file of a robot or a problem states.
 
         Args:
             table: `xyz` (m), `rpy` (rad) and `axis`, three numbers per joint, as in the `<origin>`
                 and the `<axis>` of a URDF; and `tool_xyz`, `tool_rpy` where there is a tool.
             joints: How many joints the robot has.
+            slides: Which of them slide, `(joints,)`; by default all turn.
 
         Raises:
             InvalidInput: Names the key, the joint, the value, and what would be right.
@@ -123,9 +159,8 @@ class LinkChain:
             own = [table.get(key, [0, 0, 0]) for key in KEYS[3:]]
             at, turned = (_triples(key, [v], 1) for key, v in zip(KEYS[3:], own, strict=True))
             tool = origin_poses(at, turned)[0]
-        return cls(
-            origin_poses(xyz, rpy), unit_axes("chain.axis", axis), np.zeros(joints, bool), tool
-        )
+        slides = np.zeros(joints, dtype=bool) if slides is None else slides
+        return cls(origin_poses(xyz, rpy), unit_axes("chain.axis", axis), slides, tool)
 
 
 class JointFrame(NamedTuple):
@@ -164,11 +199,23 @@ def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChai
 
     None where a joint has no frame, or they do not follow one another in this order.
     """
+    try:
+        return linked(frames, names)
+    except InvalidInput:
+        return None
+
+
+def linked(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain:
+    """Return the chain of some joints, as `chain_of`.
+
+    Raises:
+        InvalidInput: Names the joint without a frame, or those that do not follow one another.
+    """
     way: list[str] = []
     name = names[-1] if names else None
     while name is not None:
         if name not in frames or name in way:
-            return None
+            raise InvalidInput("link frames", "a frame of each joint on the way", value=name)
         way.insert(0, name)
         name = frames[name].before
     origins = []
@@ -179,7 +226,8 @@ def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChai
             origins.append(pose)
             pose = np.eye(4)
     if not names or [name for name in way if name in names] != list(names):
-        return None
+        right = f"joints one behind the other, from the base to {', '.join(names[-1:])}"
+        raise InvalidInput("link frames", right, value=list(names))
     own = [frames[name] for name in names]
     axes = np.array([frame.axis for frame in own])
     return LinkChain(np.array(origins), axes, np.array([f.slides for f in own]), own[-1].tool)
@@ -226,3 +274,34 @@ def _triples(key: str, value: Any, joints: int) -> Array:
 def _matrix(rows: Sequence[Sequence[Any]]) -> Array:
     """Return matrices `(…, rows, columns)` of their entries `(…)`."""
     return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
+
+
+def _turned(cross: Array, sine: Any, cosine: Any, vector: Sequence[Any]) -> list[Any]:
+    """Return a vector turned about an axis, by Rodrigues' formula (`LinkChain._moves`)."""
+    squared = cross @ cross
+    along = _applied(np.eye(3) + squared, vector)
+    across = [cosine * own for own in _applied(-squared, vector)]
+    return _plus(_plus(along, across), [sine * own for own in _applied(cross, vector)])
+
+
+def _plus(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
+    """Return the sum of two vectors; a number 0 is left out."""
+    pairs = zip(one, other, strict=True)
+    return [b if _is_zero(a) else a if _is_zero(b) else a + b for a, b in pairs]
+
+
+def _applied(matrix: Array, vector: Sequence[Any]) -> list[Any]:
+    """Return a matrix of numbers times a vector; terms of rounding size are left out."""
+    found = []
+    for row in matrix.tolist():
+        terms = [
+            own if factor == 1 else factor * own
+            for factor, own in zip(row, vector, strict=True)
+            if abs(factor) > _ROUNDING and not _is_zero(own)
+        ]
+        found.append(sum(terms[1:], terms[0]) if terms else 0.0)
+    return found
+
+
+def _is_zero(value: Any) -> bool:
+    return isinstance(value, float) and value == 0

@@ -7,8 +7,9 @@ import re
 SCOPE = (
     "In scope: waypoints in a fixed order, passed exactly or within a tolerance, from rest to rest "
     "or between given states, with waits, least or given times, in loops, on any path "
-    "between them; limits of velocity, acceleration, jerk and position per joint; motions as a "
-    "controller executes them. Not in scope: obstacles, torques, tool speed, orientation."
+    "between them; limits of velocity, acceleration, jerk and position per joint, and of the "
+    "tool's speed; motions as a controller executes them. Not in scope: obstacles, torques, "
+    "orientation."
 )
 _SPEED = (
     "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
@@ -41,8 +42,8 @@ _ELSEWHERE = {
         "in its worst pose, or a kind of limit of your own, with --kind"
     ),
     r"\w*(tcp|tool|cartesian|end_effector)\w*|ee_\w+": (
-        "limits of the tool are not in this tool; the nearest are lower velocity limits of the "
-        "joints, or a kind of limit of your own, with --kind"
+        "of the tool's limits, that of its speed is in this tool; the nearest is limits.tool_speed "
+        "of a problem file, or --tool-speed (m/s), with a robot whose link frames are known"
     ),
     r"\w*(obstacle|collision|octomap)\w*|(planning_)?scene|clearance": (
         "obstacles are not in this tool; the nearest are more waypoints, of a path that a "

@@ -39,6 +39,13 @@ file replace the robot's of the same kind, and joint names choose from the robot
     robot = "ur5e"                       # in place of some or all limits; `trajopt list` has more
     joint_names = ["elbow_joint", ...]   # one per column of the waypoints; optional everywhere
 
+The link frames of the joints, in place of the robot's, for limits that need them (`tool_speed`):
+
+    chain.xyz = [[0, 0, 0.16], ...]      # m, as in a URDF's <origin>, of each joint
+    chain.rpy = [[0, 0, 0], ...]         # rad
+    chain.axis = [[0, 0, 1], ...]
+    chain.tool_xyz = [0, 0, 0.1]         # optional, behind the last joint; tool_rpy too
+
 A table `published` is read by `trajopt.benchmark.suites.literature`.
 
 `angle_unit = "deg"` (or `"rad"`) in place of `units` means both. For a prismatic joint write a unit
@@ -57,10 +64,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trajopt.core import arm_file, files, keys
+from trajopt.core import arm_file, chain, files, keys
 from trajopt.core.arm_file import Arm
-from trajopt.core.arrays import Array
-from trajopt.core.chain import chain_of, frames_of
+from trajopt.core.arrays import Array, Bools
+from trajopt.core.chain import LinkChain, chain_of, frames_of
 from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import text_at
@@ -82,6 +89,7 @@ KEYS = {
     "waypoints": Key(keys.numbers, "a row each"),
     **{key: Key(keys.anything, demand.meaning) for key, demand in DEMANDS.items()},
     "limits": Key(keys.table, "the limits by kind"),
+    "chain": Key(keys.table, "the link frames, m and rad"),
     "published": Key(keys.table, "what was published for it"),
 }
 """The keys of a problem file."""
@@ -194,7 +202,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         joint_names=names,
         joint_units=kinds if units_known else (),
         demands=demands,
-        chain=chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None,
+        chain=_chain(table, arm, names, np.array([kind == "m" for kind in kinds])),
     )
     if "units" not in table:
         as_written = problem.limits.in_all_segments().converted(1 / size["limits"])
@@ -203,6 +211,19 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
             message = f"{path}: {mixed}; say units.waypoints and units.limits"
             warnings.warn(UnitWarning(message), stacklevel=4)
     return problem
+
+
+def _chain(
+    table: Mapping[str, Any], arm: Arm | None, names: Sequence[str], slides: Bools
+) -> LinkChain | None:
+    """Return the link frames that the file states, else the robot's of these joints."""
+    stated = table.get("chain")
+    if stated is None:
+        return chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None
+    if not isinstance(stated, Mapping):
+        raise InvalidInput("chain", f"a table with {', '.join(chain.KEYS)}", value=stated)
+    files.check_keys("chain.", stated, chain.KEYS, chain.REQUIRED)
+    return LinkChain.read(stated, len(slides), slides)
 
 
 def _without_words(

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.core.arrays import Array
-from trajopt.core.chain import JointFrame
+from trajopt.core.chain import JointFrame, linked
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
 from trajopt.core.keys import note
 from trajopt.core.limits import LIMIT_NAMES, Limit, LimitName, Limits, named
@@ -54,6 +54,7 @@ class RobotLimits:
         continuous: Joints that turn without end, so that whole turns make no difference.
         completed: Joints whose acceleration limit is that of `with_acceleration`.
         frames: The joints' frames by their names, where the source has them.
+        stated: Numbers of limits of the whole robot, by key.
     """
 
     joints: Mapping[str, JointBounds]
@@ -67,6 +68,7 @@ class RobotLimits:
     continuous: frozenset[str] = frozenset()
     completed: frozenset[str] = frozenset()
     frames: Mapping[str, JointFrame] = field(default_factory=dict)
+    stated: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -151,7 +153,8 @@ class RobotLimits:
         """The limits of these joints, in this order; scaling factors do not count.
 
         Raises:
-            InvalidInput: A joint is unknown, or has no velocity or acceleration limit.
+            InvalidInput: A joint is unknown, has no velocity or acceleration limit, or none of the
+                link frames that a limit needs.
         """
         bounds = [self._bounds(name) for name in joint_names]
         pairs = {kind: [own.get(kind, _UNLIMITED) for own in bounds] for kind in LIMIT_NAMES}
@@ -161,7 +164,9 @@ class RobotLimits:
             if absent:
                 raise self._absent(kind, absent)
         others = {key: self._other(key, joint_names) for key in self.others}
-        return Limits(**pairs, others={key: own for key, own in others.items() if own.bounds.any()})
+        bounding = {key: own for key, own in others.items() if own.bounds.any()}
+        found = Limits(**pairs, others={**bounding, **self.stated})
+        return found.for_chain(linked(self.frames, joint_names)) if self.stated else found
 
     def _other(self, key: str, joint_names: Sequence[str]) -> Limit:
         """A limit of another kind, of these joints; NaN for those that it does not bound."""

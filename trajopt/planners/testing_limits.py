@@ -2,7 +2,7 @@
 
     from trajopt.planners.testing_limits import check_limit
 
-    check_limit(ToolSpeed.read({"links": [0.6, 0.4], "speed": 0.5}, joints=2))
+    check_limit(TipSpeed.read({"links": [0.6, 0.4], "speed": 0.5}, joints=2))
 
 It prints what it checked, and raises where something is not kept.
 """

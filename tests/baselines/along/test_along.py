@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from baselines.along.planner import Along
-from tests.kinds import ToolSpeed, Torque
+from tests.kinds import TipSpeed, Torque
 from trajopt import Limits, Problem, Status, Trajectory, verify
 from trajopt.core.limits import JointState, Quantity, Row, RowLimit
 from trajopt.planners.registry import load
@@ -95,8 +95,8 @@ def test_accuracy_is_an_option(name):
 
 def test_a_kind_that_only_says_its_rows_is_planned():
     # a single link of 1 m: its tool is as fast as the joint
-    limits = Limits([100.0], [1.0], [10.0], tool_speed={"links": [1.0], "speed": 0.25})
-    assert ToolSpeed.key in limits.kinds
+    limits = Limits([100.0], [1.0], [10.0], tip_speed={"links": [1.0], "speed": 0.25})
+    assert TipSpeed.key in limits.kinds
     assert 4.35 * (1 - 1e-6) < timed(line(), limits) < 4.35 * (1 + 5e-4)
 
 

@@ -98,7 +98,7 @@ ROUTE = np.radians([[0.0, 20.0], [40.0, 60.0], [90.0, 30.0]])
 def arm(route, links, speed=0.5) -> Problem:
     joints = len(links)
     own = {"links": links, "speed": speed}
-    limits = Limits(np.radians([180] * joints), np.radians([600] * joints), tool_speed=own)
+    limits = Limits(np.radians([180] * joints), np.radians([600] * joints), tip_speed=own)
     return Problem(route, limits)
 
 
@@ -125,9 +125,9 @@ def test_a_joint_that_rests_stays_in_the_limits_of_the_others():
     tool = LINKS[1] + LINKS[2] * np.exp(1j * angle)
     longer, turned = abs(tool), np.angle(tool)
     two = arm(ROUTE + np.array([0.0, turned]), [LINKS[0], longer])
-    assert three.only([0, 1]).limits.kinds["tool_speed"].bounds.all()
+    assert three.only([0, 1]).limits.kinds["tip_speed"].bounds.all()
     # not with a joint left out that moves
-    assert "tool_speed" not in three.only([0, 2]).limits.kinds
+    assert "tip_speed" not in three.only([0, 2]).limits.kinds
     found = [Collocation().solve(problem) for problem in (three, two)]
     durations = [
         verify(problem, own.trajectory).certified_duration

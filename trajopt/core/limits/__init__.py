@@ -12,7 +12,8 @@ In reading order:
 - `beside_resting`: a limit of several joints, some of which rest;
 - `limits`: all limits of a problem;
 - `segment_tables`: limits of one segment in a problem file;
-- `falling_velocity`: a velocity limit that falls towards the ends of a joint's range.
+- `falling_velocity`: a velocity limit that falls towards the ends of a joint's range;
+- `tool_speed`: the speed of the tool.
 
 A new kind is a subclass of `RowLimit` or `Limit` in a file of its own, imported here. Files,
 digests, certificates, tables and figures then include it.
@@ -28,6 +29,7 @@ from trajopt.core.limits.limit import KINDS, Interval, Limit, Use, named
 from trajopt.core.limits.limits import LIMIT_NAMES, LIMIT_ORDERS, LimitName, Limits
 from trajopt.core.limits.row_limit import RowLimit
 from trajopt.core.limits.rows import JointState, Row
+from trajopt.core.limits.tool_speed import ToolSpeed
 
 __all__ = [
     "KINDS",
@@ -46,6 +48,7 @@ __all__ = [
     "Quantity",
     "Row",
     "RowLimit",
+    "ToolSpeed",
     "Use",
     "Velocity",
     "named",

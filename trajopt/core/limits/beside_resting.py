@@ -30,7 +30,7 @@ class BesideResting(Limit):
     place: Array
 
     def __post_init__(self) -> None:
-        for name in ("key", "degree", "is_ratio", "smooth", "forgiven"):
+        for name in ("key", "degree", "power", "is_ratio", "smooth", "forgiven"):
             object.__setattr__(self, name, getattr(self.whole, name))
         rest = np.where(self.moving, np.nan, self.place)
         object.__setattr__(self, "numbers", np.append(self.whole.numbers.ravel(), rest)[None])

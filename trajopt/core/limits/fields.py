@@ -32,6 +32,7 @@ class Quantity:
         metres: power of metres, which a file states as they are.
         time: power of seconds.
         pair: whether these are two numbers, `[low, high]`.
+        count: how many numbers these are, in a list, where it is more than one.
         common: whether it is one for all joints, not one per joint.
         widens: power of `1 + by` by which it grows where the limit is wider by the fraction `by`.
             That does not follow from units.
@@ -43,6 +44,7 @@ class Quantity:
     metres: int = 0
     time: int = 0
     pair: bool = False
+    count: int = 1
     common: bool = False
     widens: int = 0
     none: float = math.inf
@@ -50,7 +52,7 @@ class Quantity:
     @property
     def columns(self) -> int:
         """Return how many numbers a joint has of it."""
-        return 2 if self.pair else 1
+        return 2 if self.pair else self.count
 
     def read(self, key: str, value: Any, joints: int) -> Array:
         """Return its numbers, `(joints, columns)`.
@@ -58,14 +60,15 @@ class Quantity:
         Raises:
             InvalidInput: Names the key, the joint, the value, and what would be right.
         """
-        if self.common:
-            right = "a pair [low, high]" if self.pair else "a number"
-        else:
-            right = "a pair [low, high] per joint" if self.pair else "a number per joint"
+        right = "a pair [low, high]" if self.pair else "a number"
+        if self.count > 1:
+            right = f"a list of {self.count} numbers"
+        if not self.common:
+            right += " per joint"
             if not is_list(value) or len(value) != joints:
                 raise InvalidInput(key, f"{joints} values, {right}", value=value)
         for joint, item in enumerate([value] if self.common else value):
-            parts = item if self.pair and is_list(item) and len(item) == 2 else [item]
+            parts = item if self.columns > 1 and is_list(item) else [item]
             if len(parts) != self.columns or not all(map(is_bound, parts)):
                 at = None if self.common else joint
                 raise InvalidInput(key, right, value=item, joint=at)
@@ -74,7 +77,7 @@ class Quantity:
 
     def written(self, columns: Array) -> Any:
         """Return its numbers, `(joints, columns)`, in the form that `read` takes."""
-        values = columns.tolist() if self.pair else columns[:, 0].tolist()
+        values = columns.tolist() if self.columns > 1 else columns[:, 0].tolist()
         return values[0] if self.common else values
 
 
@@ -135,12 +138,12 @@ class FieldsLimit(Limit):
         return np.asarray(np.isfinite(self.numbers).all(axis=1))
 
     def column(self, name: str) -> Array:
-        """Return the numbers of a field, `(joints,)`, or `(joints, 2)` of a pair."""
+        """Return the numbers of a field, `(joints,)`, or `(joints, columns)` of several."""
         begin = 0
         for field in self.fields:
             own = self.numbers[:, begin : begin + field.columns]
             if field.name == name:
-                return own if field.pair else own[:, 0]
+                return own if field.columns > 1 else own[:, 0]
             begin += field.columns
         raise KeyError(name)
 
@@ -171,7 +174,7 @@ _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}
 
 
 def _ends(field: Quantity) -> list[float]:
-    return [-field.none, field.none] if field.pair else [field.none]
+    return [-field.none, field.none] if field.pair else [field.none] * field.count
 
 
 def is_bound(value: Any) -> bool:

@@ -19,6 +19,7 @@ from trajopt.core.limits import strangers
 from trajopt.core.out_of_scope import out_of_scope
 
 if TYPE_CHECKING:
+    from trajopt.core.chain import LinkChain
     from trajopt.core.limits.rows import JointState, Row
     from trajopt.core.problem import Problem
     from trajopt.core.trajectory import Trajectory
@@ -56,6 +57,7 @@ class Limit(ABC):
     Attributes:
         key: its name in problem files, certificates, JSON, HDF5 and tables.
         degree: dilating by `k` divides the use by `k ** degree`; None where no dilation helps.
+        power: its rows state the use to this power: 2 for a speed whose row is a square.
         is_ratio: whether the use is a ratio, measured on the repaired motion. If not, it is an
             excess in SI units, measured on the given motion; above the tolerance it is a flaw.
         short: its name in a figure's labels.
@@ -64,15 +66,19 @@ class Limit(ABC):
             dilates or reports its answer. With any other kind such a planner refuses the problem.
         separate: whether it limits each joint by itself, whatever the others do. Then it can be
             stated in other units of length, joint by joint (`in_units`).
+        flag: what its option on the command line means, which takes one number; empty where it has
+            none. The option's name is that of its key.
     """
 
     key: ClassVar[str]
     short: ClassVar[str]
     degree: ClassVar[int | None] = 1
+    power: ClassVar[int] = 1
     is_ratio: ClassVar[bool] = True
     smooth: ClassVar[int] = 0
     forgiven: ClassVar[bool] = False
     separate: ClassVar[bool] = False
+    flag: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -155,6 +161,14 @@ class Limit(ABC):
         `segment` widens it in one segment only, by index, where segments differ.
         """
 
+    def for_chain(self, chain: LinkChain | None) -> Limit:
+        """Return the limit of an arm with these link frames; itself where it needs none.
+
+        Raises:
+            InvalidInput: It needs link frames, and there are none.
+        """
+        return self
+
     # --- what it asks of a state ---
 
     def rows(self, at: JointState) -> Iterator[Row]:
@@ -225,6 +239,14 @@ class Limit(ABC):
         A reason must be a proof: planners that know the limit then answer `infeasible`.
         """
         return None
+
+    def least_times(self, problem: Problem) -> Array:
+        """Return times, s, that segments take at least under this limit, `(segments,)`.
+
+        They must be proved, in closed form: they make the lower bounds of planners that leave the
+        limit out larger.
+        """
+        return np.zeros(problem.segments)
 
     def velocities(self, joint: int, lowest: Array, highest: Array) -> tuple[Array, Array]:
         """Return the lowest and highest velocity that it allows at any position of a range.

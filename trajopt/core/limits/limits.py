@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,9 @@ from trajopt.core.limits.beside_resting import BesideResting
 from trajopt.core.limits.joint_limit import UNLIMITED, JointLimit, Velocity, pairs_of
 from trajopt.core.limits.limit import KINDS, Limit, Use, named
 from trajopt.core.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from trajopt.core.chain import LinkChain
 
 LimitName = Literal["velocity", "acceleration", "jerk", "position"]
 LIMIT_ORDERS: dict[LimitName, int] = {"velocity": 1, "acceleration": 2, "jerk": 3, "position": 0}
@@ -211,6 +214,16 @@ class Limits:
         own = self._held[key]
         part = () if own.segments is None else (segment,)
         return self.with_limit(own.widened(joint, by, *part))
+
+    def for_chain(self, chain: LinkChain | None) -> Limits:
+        """Return the limits of an arm with these link frames.
+
+        Raises:
+            InvalidInput: A limit needs link frames, and there are none.
+        """
+        made = [own.for_chain(chain) for own in self._held.values()]
+        same = all(own is before for own, before in zip(made, self._held.values(), strict=True))
+        return self if same else Limits(**{own.key: own for own in made})
 
     def with_limit(self, own: Limit) -> Limits:
         """Return the limits with one added, or replaced where there is one of its kind."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -31,11 +31,12 @@ _MAX_DILATION = 2.0**20
 class RowLimit(FieldsLimit):
     """A limit whose rows are all `low ≤ value ≤ high`, with 0 inside.
 
-    The use of a row is its value over its bound. The worst use is found by bounds of the rows over
-    intervals of time, which are halved where the worst one may be (docs/mathematics.md, section 7).
+    The use of a row is its value over its bound, or the root of it (`power`). The worst use is
+    found by bounds of the rows over intervals of time, which are halved where the worst one may be
+    (docs/mathematics.md, section 7).
 
     Attributes:
-        degree: dilating by `k` divides all values by `k ** degree`. None: they change in another
+        degree: dilating by `k` divides the use by `k ** degree`. None: they change in another
             way, for example because gravity takes part, and the dilation is searched.
     """
 
@@ -46,10 +47,11 @@ class RowLimit(FieldsLimit):
 
         Rounding of the formula itself is not counted, about 1e-15 of its largest term.
         """
-        return self._worst(motion)
+        found = self._worst(motion)
+        return found._replace(value=float(self._root(found.value)))
 
     def _worst(self, motion: Trajectory, least: float = 0.0) -> Use:
-        """Return the worst use; `least` where it is less."""
+        """Return the worst use, to its `power`; `least` where it is less."""
         motion = motion.refined(motion.waypoint_times)  # rows may depend on the segment
         pieces = np.arange(len(motion.lengths))
         starts, size = np.zeros(len(pieces)), 1.0
@@ -110,9 +112,14 @@ class RowLimit(FieldsLimit):
         orders = [list(motion(times, order).T) for order in range(4)]
         q, v, a, j = orders
         rows = self._rows(JointState(q, v, a, j, motion.segments_at(times)))
-        return np.maximum.reduce(
-            [np.maximum(own.value / own.high, own.value / own.low) for own in rows]
+        return self._root(
+            np.maximum.reduce(
+                [np.maximum(own.value / own.high, own.value / own.low) for own in rows]
+            )
         )
+
+    def _root(self, value: Any) -> Any:
+        return value if self.power == 1 else np.maximum(value, 0.0) ** (1 / self.power)
 
     def dilation(self, use: Use, motion: Trajectory) -> float:
         """Return the least dilation that brings a motion within the limit, infinite if none does.

@@ -3,7 +3,7 @@
 A package registers its kind under the entry-point group `trajopt.limits`, by the kind's key:
 
     [project.entry-points."trajopt.limits"]
-    tool_speed = "my_package.tool_speed:ToolSpeed"
+    tip_speed = "my_package.tip_speed:TipSpeed"
 
 It is imported when a problem has its key, and not before. It cannot take the key of another kind.
 """

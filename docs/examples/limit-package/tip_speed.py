@@ -1,14 +1,14 @@
-"""A limit that is no joint's: the speed of the tool of a planar arm."""
+"""A limit that is no joint's: the speed of the tip of a planar arm."""
 
 import numpy as np
 
 from trajopt.core.limits import Quantity, Row, RowLimit
 
 
-class ToolSpeed(RowLimit):
-    """Speed of the tool of a planar arm with a link per joint, m/s."""
+class TipSpeed(RowLimit):
+    """Speed of the tip of a planar arm with a link per joint, m/s."""
 
-    key = "tool_speed"
+    key = "tip_speed"
     degree = 2  # of the row: it is a square of velocities
     fields = (
         Quantity("links", metres=1),

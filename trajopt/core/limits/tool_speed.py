@@ -1,0 +1,157 @@
+"""A limit on the speed of a robot's tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from trajopt.core.arrays import Array, Bools
+from trajopt.core.chain import LinkChain
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits.fields import Quantity
+from trajopt.core.limits.limit import Limit
+from trajopt.core.limits.row_limit import RowLimit
+from trajopt.core.limits.rows import JointState, Row
+from trajopt.core.numerals import is_number
+
+if TYPE_CHECKING:
+    from trajopt.core.problem import Problem
+
+_RIGID_ATOL = 1e-6
+_ROUNDING_RTOL = 1e-12  # by which a chord in the closed form is shorter than the computed one
+
+
+@dataclass(frozen=True, eq=False)
+class ToolSpeed(RowLimit):
+    """Speed of the tool's origin, m/s, by the arm's link frames.
+
+    A problem file states a number where the link frames are known, else a table with the number and
+    the frames of `trajopt.core.chain.LinkChain`: `origins` (upper three rows of each pose), `axes`,
+    `slides` (1 where a joint slides, else 0), `tool` (place in the last joint's frame, m). The row
+    is the square of the speed, which falls as `1 / k²` if the motion is dilated by `k`.
+    """
+
+    key = "tool_speed"
+    short = "tool"
+    degree = 1
+    power = 2
+    flag = "Limit of the tool's speed, m/s, by the robot's link frames."
+    fields = (
+        Quantity("speed", metres=1, time=-1, common=True, widens=1),
+        Quantity("origins", count=12),
+        Quantity("axes", count=3),
+        Quantity("slides"),
+        Quantity("tool", metres=1, count=3, common=True),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for speed in self.column("speed")[:1].tolist():
+            if not np.isnan(speed) and not 0 < speed < np.inf:
+                raise InvalidInput(f"limits.{self.key}", "a positive number, m/s", value=speed)
+        if self._is_complete:
+            turns = self.column("origins").reshape(-1, 3, 4)[..., :3]
+            apart = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+            self._refuse("origins", "a pose, whose first three columns turn", apart > _RIGID_ATOL)
+            sizes = np.linalg.norm(self.column("axes"), axis=1)
+            self._refuse("axes", "a direction of length 1", np.abs(sizes - 1) > _RIGID_ATOL)
+
+    def _refuse(self, column: str, right: str, wrong: Bools) -> None:
+        for joint in np.flatnonzero(wrong).tolist():
+            value = self.column(column)[joint].tolist()
+            raise InvalidInput(f"limits.{self.key}.{column}", right, value=value, joint=joint)
+
+    @classmethod
+    def read(cls, value: Any, joints: int) -> Self:
+        """Return the limit of a number, or of a table with the link frames.
+
+        `inf` is no limit.
+        """
+        if not is_number(value) and value != np.inf:
+            if not isinstance(value, Mapping):
+                names = ", ".join(field.name for field in cls.fields)
+                right = f"a number, or a table with {names}"
+                raise InvalidInput(f"limits.{cls.key}", right, value=value)
+            return super().read(value, joints)
+        columns = sum(field.columns for field in cls.fields)
+        numbers = np.full((joints, columns), np.nan)
+        numbers[:, 0] = value if np.isfinite(value) else np.nan
+        return cls(numbers)
+
+    @classmethod
+    def unlimited(cls, numbers: Array) -> Bools:
+        """Return whether the speed is infinite, for every joint."""
+        return np.asarray(numbers[:, 0] == np.inf)
+
+    def table(self) -> Any:
+        return super().table() if self._is_complete else float(self._speed)
+
+    @property
+    def bounds(self) -> Bools:
+        return np.isfinite(self.column("speed"))
+
+    @property
+    def _is_complete(self) -> bool:
+        return bool(np.isfinite(self.numbers).all())
+
+    @property
+    def _speed(self) -> float:
+        return float(self.column("speed")[0])
+
+    @cached_property
+    def chain(self) -> LinkChain:
+        """The arm's link frames."""
+        tool = np.eye(4)
+        tool[:3, 3] = self.column("tool")[0]
+        last = np.tile([[0.0, 0.0, 0.0, 1.0]], (len(self.numbers), 1, 1))
+        origins = np.concatenate([self.column("origins").reshape(-1, 3, 4), last], axis=1)
+        return LinkChain(origins, self.column("axes"), self.column("slides") != 0, tool)
+
+    def for_chain(self, chain: LinkChain | None) -> Limit:
+        """Return the limit with an arm's link frames, if it has none yet."""
+        if self._is_complete or not self.bounds.any():
+            return self
+        joints = len(self.numbers)
+        if chain is None or chain.joints != joints:
+            right = (
+                "the link frames of all joints: of a robot (`trajopt list robots` says which have "
+                "them), of a URDF, or as [chain] of a problem file"
+            )
+            raise InvalidInput(f"limits.{self.key}", right, value=self._speed)
+        columns = [
+            self.column("speed"),
+            chain.origins[:, :3].reshape(joints, 12),
+            chain.axes,
+            chain.slides,
+            np.tile(chain.tool[:3, 3], (joints, 1)),
+        ]
+        return type(self)(np.column_stack(columns))
+
+    def rows(self, at: JointState) -> Iterator[Row]:
+        """Yield the square of the speed, as a share of the limit's."""
+        _, (x, y, z) = self.chain.moving_tool(at.q, at.v)
+        yield Row((x**2 + y**2 + z**2) / self._speed**2, high=1.0)
+
+    def least_times(self, problem: Problem) -> Array:
+        """Return the chords between the tool's places over its speed.
+
+        Where a waypoint may be passed within a tolerance the time is 0: the tool's place is not
+        known.
+        """
+        places = self.chain.forward(problem.waypoints)[:, :3, 3]
+        chords = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        exact = (problem.route.demand("tolerance") == 0).all(axis=1)
+        known = exact[:-1] & exact[1:]
+        return np.where(known, chords / self._speed * (1 - _ROUNDING_RTOL), 0.0)
+
+    # --- words ---
+
+    def unit(self, problem: Problem) -> str:
+        return "m/s"
+
+    def of_joint(self, joint: int, problem: Problem) -> str:
+        return f"{self._speed:.6g} m/s" if self.bounds[joint] else "–"
