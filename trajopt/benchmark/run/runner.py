@@ -28,9 +28,9 @@ from trajopt.benchmark.run import answer, dask, server
 from trajopt.benchmark.run.judge import (
     Ending,
     Inquiry,
-    Requests,
     JudgeError,
     Request,
+    Requests,
     judge_here,
     record,
 )
