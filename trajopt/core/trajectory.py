@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -34,6 +34,9 @@ END_RTOL = 1e-12
 CROSSING_RTOL = 1e-12
 # Relative to the domain: rounding by which s(t) may leave it.
 DOMAIN_RTOL = 1e-12
+# Most coefficients of a motion whose pieces on the unit interval are kept: 8 MB. Those of a longer
+# one, such as a log, are computed block by block.
+KEPT_VALUES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +104,45 @@ class Trajectory:
             f"{degree}, waypoints at {passed} s)"
         )
 
-    def pieces(self, order: int = 0) -> Array:
+    def pieces(self, order: int = 0, some: slice = slice(None)) -> Array:
         """The derivative of `order`, every piece on the unit interval `[0, 1]`.
+
+        Args:
+            order: of the derivative.
+            some: which pieces; by default all.
 
         Returns:
             Coefficients `(degree + 1 − order, pieces, joints)`, highest power first, whose values
             are rad/s^order.
         """
-        if order not in self._pieces:
-            derivative = polynomials.derivative(self.coefficients, order)
-            pieces = polynomials.stretched(derivative, self.lengths)
-            pieces.setflags(write=False)
-            self._pieces[order] = pieces
-        return self._pieces[order]
+        found = self._pieces.get(order)
+        if found is None:
+            is_kept = self.coefficients.size <= KEPT_VALUES
+            wanted = slice(None) if is_kept else some
+            derivative = polynomials.derivative(self.coefficients[:, wanted], order)
+            found = polynomials.stretched(derivative, self.lengths[wanted])
+            found.setflags(write=False)
+            if not is_kept:
+                return found
+            self._pieces[order] = found
+        return found[:, some]
+
+    def ends(self, order: int = 0) -> tuple[Array, Array]:
+        """The derivative of `order` at both ends of every piece, `(pieces, joints)` each."""
+        starts, stops = [], []
+        for some in self.blocks():
+            unit = self.pieces(order, some)
+            starts.append(unit[-1].copy())  # not a view, which would keep the block
+            stops.append(unit.sum(axis=0))
+        if len(starts) == 1:
+            return starts[0], stops[0]
+        return np.concatenate(starts), np.concatenate(stops)
+
+    def blocks(self) -> Iterator[slice]:
+        """Yield the pieces in blocks, in order: of one block everything fits into memory."""
+        size = max(1, KEPT_VALUES // (len(self.coefficients) * self.joints))
+        for first in range(0, len(self.lengths), size):
+            yield slice(first, first + size)
 
     @cached_property
     def _pieces(self) -> dict[int, Array]:

@@ -50,6 +50,7 @@ NEGLIGIBLE_USE = 1e-12
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
 MAX_ATTEMPTS = 8
+_MOST_CELLS = 200_000  # pieces times joints that are corrected at once
 # A segment is brief if it takes less than this share of the time of both its neighbours.
 BRIEF_RTOL = 1e-3
 
@@ -152,16 +153,24 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
     for order, joints in by_order.items():
         if not joints.any():
             continue
-        jumps = []
-        for derivative in range(1, order + 1):
-            jump = _jumps(problem, layout, derivative)
-            jumps.append(jump[:, joints])
-        rows = 2 * order + 2
-        added = np.zeros((rows, *layout.travel.shape))
-        own = missed[:, joints]
-        added[..., joints] = _cancelling(layout, own, jumps)
-        if at_limits or not _is_negligible(added, layout, problem):
-            coefficients = polynomials.plus(coefficients, added)
+        jumps = [_jumps(problem, layout, derivative) for derivative in range(1, order + 1)]
+        parts = _joints_in_parts(layout, joints)
+        if len(parts) == 1:
+            added = _added(layout, joints, parts[0], missed, jumps)
+            if at_limits or not _is_negligible(added, layout, problem, parts[0]):
+                coefficients = polynomials.plus(coefficients, added)
+            continue
+        every = (_added(layout, joints, some, missed, jumps) for some in parts)
+        negligible = (
+            _is_negligible(added, layout, problem, some)
+            for added, some in zip(every, parts, strict=True)
+        )
+        if at_limits or not all(negligible):
+            coefficients = polynomials.plus(coefficients, np.zeros((2 * order + 2, 1, 1)))
+            for some in parts:
+                lowest = coefficients[-2 * order - 2 :, :, some]
+                lowest += _added(layout, joints, some, missed, jumps)
+                coefficients[-2 * order - 2 :, :, some] = lowest
     if at_limits:
         coefficients = _within_position_limits(problem, layout, coefficients)
     return coefficients
@@ -190,8 +199,10 @@ class _Layout:
     @cached_property
     def travel(self) -> Array:
         """Each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`."""
-        powers = self.trajectory.pieces()[:-1]  # the position at a piece's start is not its travel
-        return powers.sum(axis=0)
+        # the position at a piece's start is not its travel
+        motion = self.trajectory
+        units = (motion.pieces(0, some) for some in motion.blocks())
+        return np.concatenate([unit[:-1].sum(axis=0) for unit in units])
 
     @cached_property
     def since_start(self) -> Array:
@@ -412,14 +423,33 @@ def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -
     return forwards + backwards
 
 
-def _is_negligible(added: Array, layout: _Layout, problem: Problem) -> bool:
-    """Return whether a correction's use of limits is negligible, and its movement rounding."""
+def _added(
+    layout: _Layout, corrected: Bools, some: Indices, missed: Array, jumps: list[Array]
+) -> Array:
+    """Return the corrections of some of the joints, 0 of those that are not corrected."""
+    added = np.zeros((2 * len(jumps) + 2, len(layout.segment), len(some)))
+    chosen = some[corrected[some]]
+    of_joints = [jump[:, chosen] for jump in jumps]
+    added[..., corrected[some]] = _cancelling(layout, missed[:, chosen], of_joints)
+    return added
+
+
+def _joints_in_parts(layout: _Layout, joints: Bools) -> list[Indices]:
+    """Return the joints to correct: all at once, or one by one in a long motion, for memory."""
+    every = np.arange(len(joints))
+    if len(layout.segment) * len(joints) <= _MOST_CELLS:
+        return [every]
+    return [every[joint : joint + 1] for joint in every[joints]]
+
+
+def _is_negligible(added: Array, layout: _Layout, problem: Problem, joints: Indices) -> bool:
+    """Return whether a correction of some joints uses no limit, and moves by rounding at most."""
     limits = problem.limits.in_all_segments().by_name()
     for name, order in LIMIT_ORDERS.items():
-        sizes = np.abs(limits[name])
+        sizes = np.abs(limits[name][joints])
         allowed = NEGLIGIBLE_USE * sizes.min(axis=1)
         if name == "position":
-            allowed = problem.rounding
+            allowed = problem.rounding[joints]
         derivative = polynomials.derivative(added, order)
         unit = polynomials.stretched(derivative, layout.trajectory.lengths)
         # A polynomial stays within the range of its Bernstein coefficients.
@@ -484,9 +514,7 @@ def _jumps(problem: Problem, layout: _Layout, order: int) -> Array:
     is in the state of the motion's end. Jumps within brief segments are rounding of the integration
     and count as zero.
     """
-    unit = layout.trajectory.pieces(order)
-    starts = unit[-1]
-    stops = unit.sum(axis=0)
+    starts, stops = layout.trajectory.ends(order)
     route = problem.route
     if "closed" in route.demands:  # the start takes the state of the end
         after = np.concatenate([starts, stops[-1:]])

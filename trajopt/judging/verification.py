@@ -744,13 +744,11 @@ def _worst_jump(
 
 def _jumps(problem: Problem, trajectory: Trajectory, order: int, at_rest: bool) -> Array:
     """Return the jumps of a derivative at the breaks, `(breaks, joints)`; see `_worst_jump`."""
-    unit = trajectory.pieces(order)
     route = problem.route
     still = problem.waypoints[[0, -1]]
     if order > 0:
         still = np.array([route.start[order - 1], route.end[order - 1]])
-    starts = unit[-1]
-    stops = unit.sum(axis=0)
+    starts, stops = trajectory.ends(order)
     if order > 0 and "closed" in route.demands:
         still = np.array([stops[-1], starts[0]])
     if not at_rest:
@@ -762,7 +760,8 @@ def _jumps(problem: Problem, trajectory: Trajectory, order: int, at_rest: bool) 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """Return the largest rounding of a joint's position, and its ratio to the allowed one."""
-    rounding = polynomials.evaluation_rounding(trajectory.pieces())
+    units = (trajectory.pieces(0, some) for some in trajectory.blocks())
+    rounding = np.concatenate([polynomials.evaluation_rounding(unit) for unit in units])
     return _worst_of(rounding, allowed, trajectory.breaks)
 
 

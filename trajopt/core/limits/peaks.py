@@ -49,32 +49,47 @@ def peak(motion: Trajectory, order: int, limits: Array, measure: Measure) -> Use
         limits: low and high of each joint, `(joints, 2)`, or of each piece and joint.
         measure: `ratio` or `excess`.
     """
-    low, high = limits[..., 0], limits[..., 1]
-    unit = motion.pieces(order)
-    rounding = polynomials.evaluation_rounding(unit)
-    finite = np.isfinite(rounding)
-    if not finite.all():
-        piece, joint = np.unravel_index(np.argmin(finite), finite.shape)
-        return Use(np.nan, int(joint), float(motion.breaks[piece]))
-    starts = unit[-1]
-    stops = unit.sum(axis=0)
-    both = np.stack([starts, stops])
-    ends = measure(both, rounding, low, high)
-    side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
-    highest = float(ends.max())
-    best = _Peak(highest, int(piece), int(joint), float(side))
+    best: _Peak | None = None
+    blocks = list(motion.blocks())
+    for some in blocks:
+        unit = motion.pieces(order, some)
+        rounding = polynomials.evaluation_rounding(unit)
+        finite = np.isfinite(rounding)
+        if not finite.all():
+            piece, joint = np.unravel_index(np.argmin(finite), finite.shape)
+            return Use(np.nan, int(joint), float(motion.breaks[some][piece]))
+        both = np.stack([unit[-1], unit.sum(axis=0)])
+        ends = measure(both, rounding, *_sides(limits, some))
+        side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
+        own = _Peak(float(ends.max()), some.start + int(piece), int(joint), float(side))
+        if best is None or own.value > best.value:
+            best = own
+    assert best is not None
 
     # A piece's measure is at most its bound: others need no roots.
-    bounds = measure(polynomials.bernstein(unit), rounding, low, high)
-    bounds = bounds.max(axis=0)
-    by_bound = np.argsort(-bounds, axis=None)
-    for start in range(0, bounds.size, PIECES_PER_CHUNK):
+    promising = []
+    for some in blocks:
+        if len(blocks) > 1:
+            unit = motion.pieces(order, some)
+            rounding = polynomials.evaluation_rounding(unit)
+        bounds = measure(polynomials.bernstein(unit), rounding, *_sides(limits, some)).max(axis=0)
+        which = np.nonzero(bounds > best.value)
+        pieces, joints = which
+        units = unit[:, pieces, joints]
+        promising.append((bounds[which], some.start + pieces, joints, units, rounding[which]))
+    bound, pieces, joints, units, roundings = promising[0]
+    if len(promising) > 1:
+        bound, pieces, joints, units, roundings = (
+            np.concatenate(own, axis=-1) for own in zip(*promising, strict=True)
+        )
+    by_bound = np.argsort(-bound)
+    for start in range(0, len(by_bound), PIECES_PER_CHUNK):
         chunk = by_bound[start : start + PIECES_PER_CHUNK]
-        promising = chunk[bounds.ravel()[chunk] > best.value]
-        if not len(promising):
+        chunk = chunk[bound[chunk] > best.value]
+        if not len(chunk):
             break
-        where = np.unravel_index(promising, bounds.shape)
-        best = max(best, _peak_among(unit, rounding, where, limits, measure))
+        where = pieces[chunk], joints[chunk]
+        best = max(best, _peak_among(units[:, chunk], roundings[chunk], where, limits, measure))
     elapsed = best.share * motion.lengths[best.piece]
     time = motion.breaks[best.piece] + elapsed
     return Use(best.value + 0.0, best.joint, float(time))
@@ -89,17 +104,22 @@ class _Peak(NamedTuple):
     share: float
 
 
+def _sides(limits: Array, some: slice) -> tuple[Array, Array]:
+    """Return the low and the high limits of some pieces."""
+    own = limits if limits.ndim == 2 else limits[some]
+    return own[..., 0], own[..., 1]
+
+
 def _peak_among(
-    unit: Array, rounding: Array, where: tuple[Indices, ...], limits: Array, measure: Measure
+    units: Array, rounding: Array, where: tuple[Indices, Indices], limits: Array, measure: Measure
 ) -> _Peak:
     """Return the largest measure of some pieces, at their critical points."""
     pieces, joints = where
-    candidates = unit[:, pieces, joints]
-    points = polynomials.critical_points(candidates)
-    values = polynomials.evaluate(candidates[:, None], points)
+    points = polynomials.critical_points(units)
+    values = polynomials.evaluate(units[:, None], points)
     own = limits[joints] if limits.ndim == 2 else limits[where]
     low, high = own.T
-    measured = measure(values, rounding[pieces, joints], low, high)
+    measured = measure(values, rounding, low, high)
     row, i = np.unravel_index(np.argmax(measured), measured.shape)
     return _Peak(
         value=float(measured[row, i]),
