@@ -1,6 +1,6 @@
 """What do planners answer on each other's tests?
 
-    python -m experiments.rivals_own    # 31 problems, two minutes of CPU
+    python -m experiments.rivals_own    # 31 problems, five minutes of CPU
     python -m experiments.rivals_own --quick    # three of them
 
 The suite `rivals-own` has the inputs of the test suites of toppra, Ruckig and MoveIt. Every planner
