@@ -142,7 +142,7 @@ def test_the_node_passes_a_cancel_on(node):
 @pytest.mark.parametrize("kept", [True, False])
 def test_the_workflow_fails_where_a_motion_breaks_limits(tmp_path, kept):
     page = (DOCS / "how-to" / "github-action.md").read_text(encoding="utf-8")
-    [workflow] = re.findall(r"```yaml\n(.*?)```", page, re.S)
+    workflow, *_ = re.findall(r"```yaml\n(.*?)```", page, re.S)
     script = yaml.safe_load(workflow)["jobs"]["judge"]["steps"][-1]["run"]
     motions = DOCS / "examples" / "motions"
     (tmp_path / "motions").mkdir()

@@ -174,7 +174,7 @@ Bounds need no trust: a forged proof proves less. That a motion keeps its limits
 
 ## Where it comes from
 
-Problems: degenerate ones, {len(robots.arm_files())} real arms with limits from data sheets, random
+Problems: degenerate ones, {len(robots.SUITE_ARMS)} real arms with limits from data sheets, random
 families drawn from seeds, published papers, and the test suites of toppra, Ruckig and MoveIt;
 `source` in each record says which. Motions and bounds are computed by mintime, or sent in;
 `options` in each record names method, version, date and submitter.

@@ -191,7 +191,7 @@ def suites() -> dict[str, Suite]:
         Suite("edges", "degenerate problems, one kind each", edges.VERSION, _edges, edges.named),
         Suite(
             "robots",
-            f"{len(robots.arm_files())} real arms",
+            f"{len(robots.SUITE_ARMS)} real arms",
             robots.VERSION,
             robots.stream,
             robots.named,
