@@ -58,6 +58,7 @@ _FAR = 1e5
 _EXCESS_COST = 1e9
 _SHARPENINGS = 5
 _SHARP = 4e-16  # without units: no excess
+_NONE = 1e-10  # a larger excess afterwards: it misses a waypoint
 _OPTIONS: Options = {
     "tol": 1e-10,
     "constr_viol_tol": 1e-12,
@@ -204,7 +205,9 @@ def minimised(scaled: Scaled, times: Array, like: Trajectory | None = None) -> F
             answer, converged = run.x, run.success
     if answer is None:
         return None
-    answer = _sharpened(solver, answer, parameters, (low, exact), rows)
+    answer, excess = _sharpened(solver, answer, parameters, (low, exact), rows)
+    if excess > _NONE:
+        return None
     shapes = [times.shape, *([still.shape] * 4), box.shape, missing.shape]
     found, lengths, velocity, acceleration, jerks, offset, _ = unflat(answer, shapes)
     velocity, acceleration = velocity / rate, acceleration / bend
@@ -247,8 +250,12 @@ def motion(scaled: Scaled, found: FreeOptimum) -> Trajectory | None:
         return None
 
 
-def _sharpened(solver: Program, x: Array, parameters: Array, bounds: Bounds, rows: Bounds) -> Array:
-    """Return a point near `x` that keeps the constraints to rounding; IPOPT keeps them to 1e-12.
+def _sharpened(
+    solver: Program, x: Array, parameters: Array, bounds: Bounds, rows: Bounds
+) -> tuple[Array, float]:
+    """Return a point near `x` that keeps the constraints to rounding, and its excess.
+
+    IPOPT keeps them to 1e-12, or not at all where it did not converge.
 
     Each linear program has the constraints' first derivatives. It looks for the least excess, and
     for the least change besides.
@@ -258,8 +265,8 @@ def _sharpened(solver: Program, x: Array, parameters: Array, bounds: Bounds, row
 
     best = np.clip(x, *bounds)
     values, derivatives = solver.linear(best, parameters)
+    unit = _excess(values, rows)
     for _ in range(_SHARPENINGS):
-        unit = _excess(values, rows)
         if unit <= _SHARP:
             break
         above, below = (values - rows[0]) / unit, (rows[1] - values) / unit
@@ -286,10 +293,11 @@ def _sharpened(solver: Program, x: Array, parameters: Array, bounds: Bounds, row
         upwards, downwards = found.x[:-1].reshape(2, -1)
         tried = np.clip(best + unit * (upwards - downwards), *bounds)
         values, derivatives = solver.linear(tried, parameters)
-        if not _excess(values, rows) < unit:
+        after = _excess(values, rows)
+        if not after < unit:
             break
-        best = tried
-    return best
+        best, unit = tried, after
+    return best, unit
 
 
 def _excess(values: Array, rows: Bounds) -> float:
