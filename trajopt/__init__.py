@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from trajopt.planners.planner import Planner as Planner
     from trajopt.planners.planner import Relation as Relation
     from trajopt.planners.search_planner import optimiser as optimiser
+    from trajopt.retiming import retime as retime
     from trajopt.views.export.motion_file import write as write
     from trajopt.views.results import Results as Results
 
@@ -64,6 +65,7 @@ _MODULE = {
     "optimiser": "planners.search_planner",
     "plan": "best_planner",
     "problem": "benchmark.suites.catalogue:load",
+    "retime": "retiming",
     "verify": "judging.verification",
     "write": "views.export.motion_file",
 }

@@ -4,5 +4,6 @@
 - `law`: what the limits ask along the path, as seven numbers for each row and point;
 - `program`: the squared path speed that takes the least time on given knots;
 - `engine`: knots that move to where time is lost, and the motion;
+- `ceilings`: the speeds that each limit allows along a path;
 - `planner`: the planner `along`, which chooses the path too.
 """

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from baselines.along.ceilings import ceilings
 from baselines.along.engine import NoMotionError, PathTiming, timed
 from baselines.along.law import NoLawError
 from baselines.along.path import Path, Stop, parts
@@ -67,6 +68,14 @@ class Along(Planner):
         where. Under jerk limits a jump of the curvature is a corner.
         """
         return along(problem, trajectory, self.accuracy)
+
+    def ceilings(self, problem: Problem, motion: Trajectory, times: Array) -> dict[str, Array]:
+        """Return for each limit how many times as fast as a motion its path could be passed.
+
+        That is the maximum velocity curve of each limit, by key, at times `(points,)`, s. Limits of
+        jerk have none.
+        """
+        return ceilings(problem, motion, times)
 
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -64,6 +64,10 @@ _COMMANDS = {
         "judge:judge",
         "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
     ),
+    "retime": (
+        "retime:retime",
+        "Say how fast a given path can be passed under any limits, and write that motion.",
+    ),
     "race": (
         "race:race",
         "Show motions of planners side by side on one clock, as a page.",

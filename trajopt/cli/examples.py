@@ -23,6 +23,10 @@ EXAMPLES = {
         "trajopt judge theirs.csv my-robot.toml",
         "trajopt judge theirs.csv my-robot.toml --via-tolerance 0.001",
     ),
+    "retime": (
+        "trajopt retime theirs.csv --limits my-robot.toml",
+        "trajopt retime waypoints.csv --robot ur5e --unit deg --out retimed.yaml",
+    ),
     "race": (
         "trajopt race six-axis",
         "trajopt race robots-franka-panda-w4-jerk ruckig-stop --out panda.html",

@@ -146,7 +146,7 @@ class _Judged:
     def __call__(self, path: Path) -> Execution:
         """Return the verdict on the motion of a file."""
         with kinds.reading(path, "motion"):
-            found = _executed(path, self.robot, self.interpolation, self.log)
+            found = executed(path, self.robot, self.interpolation, self.log)
         if self.before is not None and self.at is not None:
             units = dict.fromkeys(found.problem.joint_names, "rad")
             with kinds.reading(self.before, "motion"):
@@ -216,7 +216,7 @@ def _verify_motions(paths: Sequence[Path], judged: _Judged, out: Path | None, js
     return max(codes)
 
 
-def _executed(
+def executed(
     path: Path, robot: RobotFlags, interpolation: Interpolation, log: LogOptions | None
 ) -> Execution:
     """Judge the motion by the limits of a file, a robot or a problem.

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from trajopt.benchmark.front import Beside, Front
     from trajopt.explain.decomposition import Explanation
     from trajopt.judgement import Judgement
+    from trajopt.retiming import Retiming
 
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
@@ -192,6 +193,14 @@ def judged(found: Judgement, folder: Path) -> Path:
         own_name="motion as executed",
     )
     return plots.write(figure, folder / f"{_portable(name)}.png")
+
+
+def retimed(found: Retiming, folder: Path) -> Path:
+    """Draw the speed along a path beside the ceiling of each limit: `<path>-along.png`."""
+    from trajopt.views.figures import along, plots
+
+    title = headline(f"{found.name} along its path", f", {found.duration:#.4g} s")
+    return plots.write(along.speed(found, title), folder / f"{_portable(found.name)}-along.png")
 
 
 def front(found: Front, beside: Sequence[Beside], folder: Path) -> list[Path]:
