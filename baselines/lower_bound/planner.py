@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from trajopt.core.demand import END_STATES, WHOLE_TIMES, names
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import LIMIT_NAMES, FallingVelocity
+from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, Limit
 from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
@@ -30,7 +30,8 @@ class Prove(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
 
     It uses velocity, acceleration, jerk, position and falling velocity limits. Other kinds are left
-    out, which keeps the bound valid; the message says so.
+    out, which keeps the bound valid; the message says so. Least times of segments that follow from
+    them (`trajopt.core.limits.Limit.least_times`) count.
 
     - `within`: relative gap of upper and lower bound at which to stop;
     - `time_limit`: s of CPU time, including that to build the model; then the bounds reached are
@@ -77,6 +78,16 @@ class Prove(Planner):
             return "it bounds 3-5-3 splines under limits that are the same in all segments only"
         return spline353.unsupported(problem)
 
+    def tightened(self, problem: Problem, left_out: Sequence[Limit]) -> Problem:
+        """Return the problem with the least times of segments that limits left out imply."""
+        if self.family != "free" or "given_times" in problem.demands:
+            return problem
+        stated = problem.route.demand("least_times")
+        least = np.maximum.reduce([stated, *(own.least_times(problem) for own in left_out)])
+        if (least == stated).all():
+            return problem
+        return replace(problem, demands={**problem.demands, "least_times": least})
+
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the lower bound, and the fastest trajectory known if it keeps every limit.
 
@@ -117,8 +128,9 @@ class Prove(Planner):
         """
         from baselines.lower_bound.bound import prove
 
+        shown, _ = self._shown(problem)
         bound = prove(
-            problem, self.family, within=self.within, time_limit=self.time_limit, known=motion
+            shown, self.family, within=self.within, time_limit=self.time_limit, known=motion
         )
         return bound.lower_bound
 
@@ -132,7 +144,8 @@ class Prove(Planner):
         """
         from baselines.lower_bound import dual_check, ratio_boxes
 
-        simpler = SIMPLEST.apply(problem)
+        shown, _ = self._shown(problem)
+        simpler = SIMPLEST.apply(shown)
         if self.family == "free":
             of_all = dual_check.BoundProof.stored(stats)
             return None if of_all is None else dual_check.proved_bound(simpler, of_all)

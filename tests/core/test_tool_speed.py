@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from baselines.along.planner import Along
+from baselines.lower_bound.planner import Prove
 from soaks import arms
 from trajopt import Limits, Problem, Trajectory
 from trajopt.core import arm_file
 from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import ToolSpeed
+from trajopt.core.solution import Status
 from trajopt.judging.verification import verify
 from trajopt.planners.testing_limits import check_limit
 
@@ -148,3 +152,16 @@ def test_frames_that_are_no_frames_get_a_line():
     with pytest.raises(InvalidInput, match="a list of 12 numbers per joint"):
         ToolSpeed.read({**stated, "origins": [[1], [1]]}, 2)
     assert not ToolSpeed.read(np.inf, 2).bounds.any()
+
+
+def test_a_bound_knows_the_chords_and_its_proof_is_checked_again():
+    """The gantry's least time is 2.1 s; its chord takes 2 s, without the limit it is 0.89 s."""
+    problem = gantry(0.5)
+    prover = Prove()
+    found = prover.solve(problem)
+    assert found.status is Status.RELAXED
+    assert "but for the least times of segments" in found.message
+    assert 2 * (1 - 2e-4) <= found.lower_bound <= 2.1
+    assert prover.stored_bound(problem, found.stats) == pytest.approx(found.lower_bound, rel=1e-9)
+    slower = replace(problem, demands={"given_times": [3.0]})
+    assert prover.solve(slower).lower_bound <= 3.0

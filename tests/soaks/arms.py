@@ -2,6 +2,8 @@
 
 Random arms of turning and sliding joints about any axes, with random motions of cubic and quintic
 pieces: the speed is compared with Pinocchio's at samples, the peak with that of dense samples.
+
+    python tests/soak.py arms
 """
 
 from __future__ import annotations

@@ -357,17 +357,27 @@ class Planner(ABC):
         """Return the problem with the limits that it plans for, and a sentence about the others."""
         left_out = [key for key in self.unknown(problem) if key in problem.limits.others]
         kinds = " and ".join(problem.limits.others[key].name() for key in left_out)
-        said = [f"{kinds} limits are left out"] if left_out else []
         demands = self.unknown_demands(problem)
+        without = problem.without(*left_out, *demands)
+        shown = self.tightened(without, [problem.limits.others[key] for key in left_out])
+        said = [f"{kinds} limits are left out"] if left_out else []
+        if shown is not without:
+            said[0] += ", but for the least times of segments that follow from them"
         if "tolerance" in demands:
             said.append("it passes waypoints exactly")
-        shown = problem.without(*left_out, *demands)
         if self.joins_segments(problem):
             side = "widest" if self.drops else "tightest"
             limits = shown.limits.in_all_segments(tightest=not self.drops)
             shown = replace(shown, limits=limits)
             said.append(f"planned with the {side} limits of all segments everywhere")
         return shown, said
+
+    def tightened(self, problem: Problem, left_out: Sequence[Limit]) -> Problem:
+        """Return the problem with what follows from limits that it leaves out; by default nothing.
+
+        Where that is proved, the problem stays a relaxation.
+        """
+        return problem
 
     def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
         """Return the fastest timing of a given trajectory's path; by default unsupported."""
