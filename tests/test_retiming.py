@@ -85,6 +85,11 @@ def test_ceilings_are_the_maximum_velocity_curves():
     assert ceilings["acceleration"] ** 2 == pytest.approx(2 * (c + s), rel=1e-3)
 
 
+@pytest.mark.parametrize("limits", [Limits([1.0], [2.0]), LIMITS])
+def test_a_bound_is_below_the_optimum_without_jerk_limits_and_near_it(limits):
+    assert 2 * (1 - 1e-3) < retime(LINE, limits).bound < 2.0
+
+
 def test_motions_apart_are_apart():
     moved = Trajectory([0.0, 1.0, 3.0], np.array([[[0.5], [0.5]], [[0.0], [0.501]]]), [0.0, 3.0])
     assert apart(LINE, LINE) < 1e-14
@@ -92,12 +97,13 @@ def test_motions_apart_are_apart():
 
 
 def test_the_command_says_how_much_faster_and_what_holds(folder, capsys):
-    code, out, _ = command("retime sent.yaml --limits joint_limits.yaml", capsys)
+    code, out, _ = command("retime sent.yaml --limits joint_limits.yaml --bound", capsys)
     assert code == 0
     said = " ".join(out.split())
     assert "Along the same path this is 1.223 times as fast." in said
     assert "That timing is held back by acceleration of shoulder (" in said
     assert "It leaves the path by at most " in said
+    assert "No motion along this path takes less than 1.97" in said
     assert Path("results/retime/sent.yaml-along.png").is_file()
 
 

@@ -48,6 +48,10 @@ class _Timer(Protocol):
         """Return by key how many times as fast as a motion its path could be passed."""
         ...
 
+    def bound(self, problem: Problem, path: Trajectory) -> float | None:
+        """Return a time, s, that no motion along a path falls below; None where none is known."""
+        ...
+
 
 @dataclass(frozen=True)
 class GivenPath(Planner):
@@ -147,6 +151,19 @@ class Retiming:
         if self.motion is None or composed is None:
             return None
         return apart(self.motion, composed.dilated(self.motion.duration / composed.duration))
+
+    @cached_property
+    def bound(self) -> float | None:
+        """A time, s, that no motion along the path falls below; None where none is known.
+
+        It is computed by a quadrature, some 0.1 % below the optimum, and not proved. Jerk limits
+        are left out of it.
+        """
+        path = self.motion if self.path is None else self.path
+        if path is None:
+            return None
+        found = cast(_Timer, load(_PLANNER)).bound(self.problem, path)
+        return None if found is None else found + float(self.problem.route.demand("dwell").sum())
 
     def ceilings(self, times: Array) -> dict[str, Array]:
         """Return the highest speed along the path that each limit allows, relative to the motion's.

@@ -5,5 +5,6 @@
 - `program`: the squared path speed that takes the least time on given knots;
 - `engine`: knots that move to where time is lost, and the motion;
 - `ceilings`: the speeds that each limit allows along a path;
+- `bound`: a time that no motion along a path falls below;
 - `planner`: the planner `along`, which chooses the path too.
 """

@@ -63,14 +63,18 @@ class PathTiming:
         motion: with the times of the path's waypoints.
         excess: the part of the duration by which it must be slower to keep all limits, where the
             motion was looked at.
-        knots: number of intervals.
         grids: number of programs.
+        path: with its zones.
+        program: the last one, solved.
+        unit: a uniform speed of the parameter that keeps all limits.
     """
 
     motion: Trajectory
     excess: float
-    knots: int
     grids: int
+    path: Path
+    program: SpeedProgram
+    unit: float
 
 
 class _OnKnots:
@@ -217,7 +221,7 @@ def timed(
         x = grid.program.solve(start, 1e-2 * accuracy, barrier)
         motion, over, _ = grid.motion(x)
         worst = float(over.max())
-    return PathTiming(motion, worst, grid.program.count, count)
+    return PathTiming(motion, worst, count, path, grid.program, unit)
 
 
 def _started(path: Path, limits: Limits, ends: Sequence[End]) -> tuple[Path, _OnKnots, float]:

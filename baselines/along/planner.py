@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from baselines.along.bound import bound
 from baselines.along.ceilings import ceilings
 from baselines.along.engine import NoMotionError, PathTiming, timed
 from baselines.along.law import NoLawError
@@ -76,6 +77,16 @@ class Along(Planner):
         jerk have none.
         """
         return ceilings(problem, motion, times)
+
+    def bound(self, problem: Problem, path: Trajectory) -> float | None:
+        """Return a time, s, that no motion along a path falls below, but for a quadrature's error.
+
+        Jerk limits are left out of it. None where no bound is known.
+        """
+        try:
+            return bound(path, problem.limits, self.accuracy)
+        except (NoMotionError, NoLawError):
+            return None
 
     @reduced(EQUAL_WAYPOINTS)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -162,7 +173,7 @@ def along(problem: Problem, trajectory: Trajectory, accuracy: float) -> Solution
     except (NoMotionError, NoLawError) as error:
         return Solution(Status.FAILED, message=str(error))
     stats = {
-        "knots": sum(own.knots for own in timings),
+        "knots": sum(own.program.count for own in timings),
         "grids": sum(own.grids for own in timings),
         "stops": len(stops),
     }

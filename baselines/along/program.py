@@ -140,11 +140,14 @@ class SpeedProgram:
         self.damped, self.jerk = slice(ends[2], ends[3]), slice(ends[3], ends[4])
         self.rows_in_all = int(ends[4]) * self.count
 
+        self.multiplier = np.zeros((self.count, self.rows_in_all // self.count))
+
         def flat(arrays: list[Array]) -> Array:
             lead = arrays[0].shape[:-3]
             return np.concatenate([own.reshape(*lead, self.count, -1) for own in arrays], axis=-1)
 
         self.constant, self.gradient = flat(constants), flat(gradients)
+        self._rates = flat([own[3] * (k < 3) for k, own in enumerate(spread)])
         self.speed_term = spread[2][1].reshape(self.count, -1)
         c0, _, c2, ca, *_ = spread[3]
         self.low_constant = c0.reshape(self.count, -1)
@@ -276,6 +279,7 @@ class SpeedProgram:
             x += forward * dx
             slack += forward * ds
             multiplier += back * dm
+        self.multiplier = multiplier
         return x
 
     def _step(self, at: _Point, target: Array | float) -> tuple[Array, Array, Array]:
@@ -322,6 +326,11 @@ class SpeedProgram:
         return cholesky_banded(band, lower=True, check_finite=False)
 
     # --- the answer ---
+
+    @property
+    def costate(self) -> Array:
+        """The multiplier of `b' = 2 x` in each interval, `(N,)`, of rows without jerk."""
+        return np.asarray(-(self.multiplier * self._rates).sum(axis=1) / (2 * self.lengths))
 
     def at(self, x: Array, sigma: Array, order: int = 0) -> Array:
         """Return `b` or a derivative by `σ` at some `σ`; at a knot in the interval after it."""

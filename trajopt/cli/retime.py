@@ -19,6 +19,7 @@ from trajopt.cli.plan import check_target, print_durations, print_smoothness, pr
 from trajopt.cli.verify import executed
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import rounded_down
 from trajopt.formats import waypoints
 from trajopt.formats.motion import ENDINGS
 from trajopt.judgement import motion_of, passing
@@ -47,6 +48,7 @@ def retime(
     motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
     spline: bool = False,
+    bound: bool = False,
     accuracy: Annotated[
         float, number("Of the duration along the path, relative.", least=1e-6, most=0.1)
     ] = _ACCURACY,
@@ -73,6 +75,7 @@ def retime(
 
     Args:
         spline: Through the samples of the motion, not along its own path.
+        bound: Say a time that no motion along the path falls below (without jerk limits).
         knots: Of a spline: uniform, chord, centripetal, limit, or the best of them.
         ends: Of a spline: not-a-knot, natural, clamped, or the best of them.
         out: Write the certified motion, as plan does.
@@ -82,7 +85,7 @@ def retime(
         check_target(out, force=force)
     planner = load(f"along:accuracy={accuracy},knots={knots},ends={ends}")
     found = _retimed(path, problem, robot, motion_unit, interpolation, planner, spline=spline)
-    table = found.as_dict()
+    table = found.as_dict() | ({"path_bound": found.bound} if bound else {})
     code = 0 if found.motion is not None else 1
     executed_as = None
     if out is not None and found.motion is not None:
@@ -91,7 +94,7 @@ def retime(
     if json:
         console.print_json(table)
         return code
-    _print(found)
+    _print(found, bound=bound)
     if found.motion is None:
         return code
     with console.waiting("drawing the figure"):
@@ -154,7 +157,7 @@ def _retimed(
         return retiming.along(given.name, own, stated, planner, duration)
 
 
-def _print(found: Retiming) -> None:
+def _print(found: Retiming, *, bound: bool) -> None:
     trial = found.trial
     if found.motion is None or found.duration is None:
         console.headline(found.name, ": ", "no motion along this path")
@@ -163,10 +166,25 @@ def _print(found: Retiming) -> None:
     console.headline(found.name, " along its path: ", f"{found.duration:.6g} s")
     for sentence in _sentences(found):
         console.paragraph(sentence)
+    if bound:
+        console.paragraph(_bounded(found))
     print_durations(trial.claimed_duration, found.duration, found.motion.waypoint_times)
     print_smoothness(trial.smoothness, trial.problem)
     if trial.certificate is not None:
         print_worst(trial.certificate, trial.problem)
+
+
+def _bounded(found: Retiming) -> str:
+    """Say what no motion along the path falls below."""
+    least = found.bound
+    if least is None or found.duration is None:
+        return "No lower bound is known for this path under these limits."
+    above = 100 * (found.duration / least - 1)
+    jerk = ", whose jerk limits are left out of it" if found.problem.has("jerk") else ""
+    return (
+        f"No motion along this path takes less than {rounded_down(least, '.6g')} s (computed, not "
+        f"proved): this one is {above:.2g} % above that{jerk}."
+    )
 
 
 def _sentences(found: Retiming) -> Iterator[str]:
