@@ -272,7 +272,8 @@ def problem_pages() -> None:
     text = f"""# Problems
 
 {len(rows)} problems, {closed} of them closed:
-the best known motion is proved to be within 0.1 % of the minimum time. Click a heading to sort.
+the best known motion is proved to be within 0.1 % of the minimum time. [The open ones](open.md)
+have a page. Click a heading to sort.
 The {len(every) - len(files)} problems of the suites `moving`, `sections`, `demands` and `mixes`
 have records without pages: `trajopt best-known list`.
 
@@ -283,10 +284,116 @@ have records without pages: `trajopt best-known list`.
 ```{{toctree}}
 :hidden:
 
+open
 {names}
 ```
 """
     write(DOCS / "problems" / "index.md", text)
+
+
+# --- open problems ---
+
+_TINY = 1e-3  # of the longest segment
+
+
+def hindrances(problem: Problem) -> list[str]:
+    """Say what is known to keep a bound low, from the problem's numbers alone."""
+    steps = np.abs(problem.displacements)
+    found = []
+    if "tolerance" in problem.demands:
+        room = np.asarray(problem.demands["tolerance"])
+        room = np.broadcast_to(room, problem.waypoints.shape)
+        overlapping = (steps <= room[:-1] + room[1:]).all(axis=1)
+        if overlapping.any():
+            found.append(f"boxes that overlap, {overlapping.sum()} of {len(steps)} segments")
+    sizes = (steps / steps.max(axis=0, initial=0, where=steps > 0)).max(axis=1)
+    tiny = sizes < _TINY * sizes.max()
+    if tiny.any():
+        found.append(f"tiny steps, {tiny.sum()} of {len(steps)}")
+    if "closed" in problem.demands:
+        found.append("free states at both ends, but equal")
+    if problem.limits.segments is not None and problem.has("jerk"):
+        found.append("jerk limits of segments")
+    return found
+
+
+def open_page() -> None:
+    """Write the page of the problems whose optimum is not proved, with what would close each."""
+    tried = stored_rows("open", "problem")
+    rows = []
+    for file in records.files():
+        record = records.read(file)
+        if record.closed:
+            continue
+        problem = record.problem
+        kinds = " ".join([*problem.limits.kinds, *problem.demands])
+        rows.append(
+            [
+                f"`{problem.name}`",
+                f"{problem.joints} × {len(problem.waypoints)}: {kinds}",
+                f"{100 * record.proved_within:.3f}",
+                f"{record.lower_bound * (1 + records.CLOSED_WITHIN):.6g}",
+                f"{record.duration / (1 + records.CLOSED_WITHIN):.6g}",
+                f"{record.motion}; bound: {record.bound}",
+                tried.get(problem.name, {}).get("gap after 60 s, %", "–"),
+                "; ".join(hindrances(problem)) or "none is known",
+            ]
+        )
+    rows.sort(key=lambda row: -float(row[2]))
+    head = ["problem", "joints × waypoints: what is asked", "gap, %", "a motion below, s"]
+    head += ["or a bound above, s", "recorded", "gap after 60 s of `prove`, %", "in the way"]
+    first = rows[0][0].strip("`")
+    suite, _, _ = first.partition("-")
+    text = f"""# Open problems
+
+{len(rows)} of {len(records.files())} problems are open: the shortest motion that anyone has found
+is {100 * records.CLOSED_WITHIN:g} % or more above what is proved. Nobody knows whether the motion
+is too long or the bound too low. A motion or a bound beyond the numbers of its row closes a
+problem. Click a heading to sort.
+
+<div class="sortable"></div>
+
+{table(head, rows)}
+
+## Try one
+
+<!-- not run: as long as one likes -->
+```bash
+trajopt suite export {suite} problems
+trajopt plan problems/{first}.toml --out motion.json
+trajopt prove problems/{first}.toml --time-limit 600
+```
+
+[One archive](../best-known.md#all-in-one-archive) has all of them too, with a script that checks a
+bound and needs no package.
+
+## What was tried
+
+Motions: `exact` or `exact-jerk` and `ruckig-search` on all; on the mixes IPOPT from twelve guesses
+([which agrees](../questions/index.md) on all but these). Bounds: `prove`, a branch and bound over
+segment times ([how](../mathematics/bounds.md)), for 5 to 240 CPU s, and 60 s for the table.
+
+- *Boxes that overlap*: the motion may pass two waypoints at one instant. The proof leaves such
+  waypoints out, or splits a segment's time near 0, where most of its inequalities say nothing.
+- *Tiny steps*: the gap comes from the square tangents of tiny segments. No single one accounts for
+  it, and a tree would have to split all at once.
+- *Free states*, *jerk limits of segments*: more variables to split; nothing closer is known.
+
+## Submit
+
+Any motion that `trajopt judge` reads, or stored trials of `prove`. What a record says is
+[its format](../best-known.md#in-a-file); what is written is checked again by
+[a script of its own](../best-known.md#check-it-without-this-package).
+
+<!-- not run: whether it writes depends on what was found -->
+```bash
+trajopt best-known propose motion.json {first} --submitter "A. Nother"
+```
+
+It is judged as executed, and written if it is better.
+[What happens then](../best-known.md#submit-a-better-one).
+"""
+    write(DOCS / "problems" / "open.md", text)
 
 
 # --- published claims ---
@@ -411,11 +518,11 @@ def printed(*arguments: str) -> str:
 # --- planners ---
 
 
-def stored_rows(name: str) -> dict[str, dict[str, str]]:
+def stored_rows(name: str, first: str = "planner") -> dict[str, dict[str, str]]:
     """Return the rows of a table in `experiments/stored`, by what their first cell names."""
     file = ROOT / "experiments" / "stored" / f"{name}.csv"
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line[:2] != "# "]
-    return {row["planner"].strip("`"): row for row in csv.DictReader(lines)}
+    return {row[first].strip("`"): row for row in csv.DictReader(lines)}
 
 
 def meaning(name: str) -> str:
@@ -594,6 +701,7 @@ def all_pages(app: Sphinx) -> None:
     """Write every page before Sphinx looks for sources."""
     experiments_page()
     problem_pages()
+    open_page()
     claim_pages()
     planner_pages()
     command_page()

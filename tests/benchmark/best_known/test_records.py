@@ -250,8 +250,8 @@ def test_what_is_recorded_holds(file):
 
 
 def test_all_files_together_stay_small():
-    """681 records; the four largest take 6 MB, those of moving, sections and demands 5.4 MB."""
-    assert sum(file.stat().st_size for file in FILES) < 19.5e6
+    """681 records; the four largest take 8 MB, those of moving, sections and demands 12 MB."""
+    assert sum(file.stat().st_size for file in FILES) < 27.5e6
 
 
 @pytest.mark.parametrize(
