@@ -9,7 +9,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.formats import samples_csv
+from trajopt.formats import on_cycle, samples_csv
 from trajopt.formats.on_cycle import moved
 from trajopt.judging.verification import certified, verify
 from trajopt.planners.registry import load
@@ -160,3 +160,21 @@ def test_a_falling_velocity_limit_is_kept_between_the_points(waypoints, jerk):
     if waypoints[0] == [0.0]:
         assert certificate.uses["falling_velocity"].value > 0.95
     assert found.duration < planned.duration * 1.002 + 2e-3
+
+
+def test_a_program_s_answer_is_judged(monkeypatch):
+    """What a program leaves of an end state is in the last piece: here it is too steep."""
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
+    _, usual = motion(problem, "exact", 0.05)
+
+    class Rough(on_cycle.JointProgram):
+        def solved(self):
+            states = super().solved()
+            if states is not None and self.times[-1] == pytest.approx(usual.duration):
+                states[1][-2] += 0.1
+            return states
+
+    monkeypatch.setattr(on_cycle, "JointProgram", Rough)
+    _, found = motion(problem, "exact", 0.05)
+    assert found.duration == pytest.approx(usual.duration + 0.05)
+    assert executed(problem, found, found.at_breaks(["a"])).feasible

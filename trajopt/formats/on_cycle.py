@@ -28,7 +28,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.formats.samples import Samples
 from trajopt.judging.joint_program import JointProgram
 from trajopt.judging.passing import within_tolerance
-from trajopt.judging.verification import Tolerance
+from trajopt.judging.verification import verify
 
 Indices = NDArray[np.int_]
 
@@ -224,18 +224,17 @@ class _CycleSearch:
                 return None
             joints.append(states)
         found = OnCycle(self.cycle, breaks, waypoints, np.stack(joints, axis=-1))
-        return found if self._kept_together(found) else None
+        return found if self._kept(found) else None
 
-    def _kept_together(self, found: OnCycle) -> bool:
-        """Return whether a motion keeps the limits of several joints together.
+    def _kept(self, found: OnCycle) -> bool:
+        """Return whether the judge finds the motion within all limits.
 
-        The joints' programs do not know these.
+        The joints' programs do not know the limits of several joints. And what they leave of an end
+        state, to their tolerance, is in the last piece, which may be a single cycle.
         """
-        together = [own for own in self.problem.limits.kinds.values() if not own.separate]
-        if not together:
-            return True
         motion = found.at_breaks(self.problem.joint_labels).trajectory()
-        return all(own.keeps(own.worst(motion), Tolerance().limit) for own in together)
+        passed = replace(motion, waypoint_times=found.waypoint_times)
+        return verify(self.problem, passed).feasible
 
     def _ends(self, motion: Trajectory, joint: int) -> Array:
         """A joint's velocity (and acceleration) at both ends; a closed motion's are its own."""
