@@ -23,8 +23,10 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
+from baselines.exact.jerk.profiles import ExtremeProfiles
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
+from trajopt.core.rounding import of_states
 
 MAX_STARTS = 32
 # Shares of the limits that are left to rounding: the second where the first is not enough.
@@ -48,6 +50,8 @@ _HALVINGS = 50
 _PASSES = 2  # of looking for edges
 # Rounding of a slack, relative to the changes of position that it is the difference of.
 _ROUNDING_RTOL = 1e-14
+# The least share of the time that a phase may take whose ends may be rounded: the root of theirs.
+_ROUNDED_PHASE = -1e-3
 # Least slack of an initial guess's displacements, in units of the time squared.
 _SLACK = 1e-6
 # Distance of an initial guess from the edge of its interval, in times of the grid. The second value
@@ -75,12 +79,16 @@ class _Beside(NamedTuple):
     state: Array
 
 
-def first_time(scaled: Scaled) -> list[JerkStart]:
+def first_time(scaled: Scaled, rounded: bool = False) -> list[JerkStart]:
     """Return the first time in which a problem of one segment is possible; none if there is none.
 
     At that time one joint becomes possible. So the times at which any does are tried in order: an
     extreme displacement equals the segment's own, or end states come into reach of each other. The
     time is later by 1e-10, relative, or half of what it can be, which is left to rounding.
+
+    Args:
+        scaled: A problem of one segment.
+        rounded: Whether a motion counts that may meet the given states to their rounding only.
     """
     given = np.array([*zip(scaled.end_v, scaled.end_a, strict=True)])
     speed = np.abs(given[:, 0]).sum(axis=0)
@@ -90,14 +98,22 @@ def first_time(scaled: Scaled) -> list[JerkStart]:
 
     def in_reach(times: Array) -> Bools:
         """Return where the phases of each end take time, `(2 ends × 2 sides, times, joints)`."""
-        reached = rows(times).profiles.ends_reachable
+        profiles = rows(times).profiles
+        reached = _nearly_reached(profiles) if rounded else profiles.ends_reachable
         return reached.reshape(4, len(times), -1)
 
     def possible(times: Array) -> Bools:
         """Return where both extreme displacements allow the joint's, `(2 sides, times, joints)`."""
         t = times[:, None]
+        own = rows(times)
+        if rounded:
+            *_, a_unit, v_unit, q_unit = scaled.units
+            place, swift, steep = of_states(scaled.problem)
+            rounding = (place / q_unit / t + swift / v_unit) / t + steep / a_unit
+            nearly = _nearly_reached(own.profiles).all(axis=0)
+            return np.asarray(nearly & (own.reach >= -rounding))[:, :, 0]
         rounding = _ROUNDING_RTOL * (np.abs(scaled.h[0]) / t + speed) / t
-        return _slack(rows(times)) >= -rounding
+        return _slack(own) >= -rounding
 
     def edges(times: Array, inside: Callable[[Array], Bools]) -> Array:
         """Return the two times next to each edge between which `inside` changes."""
@@ -244,6 +260,11 @@ def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterat
             velocity = velocity + acceleration * half + own * half**2 / 2
             acceleration = acceleration + own * half
         yield np.stack([velocity, acceleration])
+
+
+def _nearly_reached(profiles: ExtremeProfiles) -> Bools:
+    """Return as `Profiles.ends_reachable` does, where states may be rounded."""
+    return np.asarray(np.minimum(profiles.first, profiles.hold) >= _ROUNDED_PHASE)
 
 
 def _slack(rows: JerkInequalities) -> Array:

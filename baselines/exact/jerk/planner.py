@@ -26,7 +26,7 @@ from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
 from baselines.exact.jerk.near import NearInequalities, NearTables
-from baselines.exact.method import brief_steps, free_pieces, gate
+from baselines.exact.method import brief_steps, free_pieces, gate, one_piece
 from baselines.exact.method.free_pieces import FreeGuess, FreeOptimum
 from baselines.exact.method.interior_point import (
     begun,
@@ -67,7 +67,7 @@ _FEW_STARTS = 2  # for each problem, where boxes overlap and there are several p
 # A segment in motion that takes longer than its first possible time, relative, is tried again, from
 # these shares of that time.
 _SAME_RTOL = 1e-9
-_BESIDE_FIRST = (1.0, 1.01, 1.3, 2.0)
+_BESIDE_FIRST = (1.0, 1.01, 1.1, 1.3, 1.5, 2.0)
 # Factor on the tolerances that is still accepted if rounding stops the method.
 ACCEPTED = 100.0
 
@@ -158,13 +158,15 @@ class ExactJerk(SeveralStarts):
     def _alone(self, problem: Problem, passing: Array | None) -> Solution:
         """Return the answer to a segment in motion: only the time is free.
 
-        Where rounding breaks a limit at the first possible time, the next ones may be far. Then the
-        second method looks for a motion near the first one.
+        Where rounding breaks a limit at the first possible time, or the states are rounded so that
+        there is none, the next ones may be far. Then the second method looks for a motion near it.
         """
         from baselines.exact.jerk.motion import Reachable
 
         known = problem.without(*self.unknown(problem))
         firsts: list[JerkStart] = []
+        if one_piece.nearly(known):
+            firsts += gaps.first_time(Reachable(problem, passing=passing), rounded=True)
         # no descent needs room inside the limits
         for spare in (0.0, *gaps.SPARES):
             scaled = Reachable(problem, passing=passing)
@@ -173,12 +175,14 @@ class ExactJerk(SeveralStarts):
             firsts += starts
             solution = self.best_of(scaled, partial(_met, scaled), iter(starts))
             motion = solution.trajectory
-            if motion is None or keeping(known, motion) is not None:
+            kept = motion is None or keeping(known, motion) is not None
+            if kept:
                 break
-        below = certified(known, solution)
-        if not firsts or below <= scaled.unit * firsts[0].times[0] * (1 + _SAME_RTOL):
+        below = motion.duration if motion is not None and kept else certified(known, solution)
+        first = min((own.times for own in firsts), key=np.sum, default=None)
+        if first is None or below <= scaled.unit * first[0] * (1 + _SAME_RTOL):
             return solution
-        guesses = [FreeGuess(share * firsts[0].times) for share in _BESIDE_FIRST]
+        guesses = [FreeGuess(share * first) for share in _BESIDE_FIRST]
         other = _freely(problem, passing, self, True, below, guesses)
         return solution if other.trajectory is None else other
 

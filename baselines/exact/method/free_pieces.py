@@ -28,6 +28,7 @@ from baselines.ipopt import Bounds, Options, Program, flat, program, unflat
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.problem import Problem
+from trajopt.core.rounding import of_states
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
 
@@ -205,6 +206,13 @@ def minimised(scaled: Scaled, times: Array, like: Trajectory | None = None) -> F
             answer, converged = run.x, run.success
     if answer is None:
         return None
+    if segments == 1:  # its states may leave one motion; a quarter of their rounding is left to it
+        place, swift, steep = of_states(scaled.problem) / scaled.units[[3, 2, 1]] / 4
+        end = still.copy()
+        end[-1] = 1.0
+        of_end = 0 * h + place / way, end * rate * swift, end * bend * steep
+        spare = flat(0 * h, *of_end, still, still, 0 * h)
+        rows = (rows[0] - spare, rows[1] + spare)
     answer, excess = _sharpened(solver, answer, parameters, (low, exact), rows)
     if excess > _NONE:
         return None

@@ -61,6 +61,18 @@ def motion(problem: Problem) -> Trajectory | None:
     return next(iter([*strict, *(own for own, _ in found)]), None)
 
 
+def nearly(problem: Problem) -> bool:
+    """Return whether rounded states alone may keep a motion of one segment from the least time.
+
+    Then the joint that needs all of that time, and has no other motion, nearly meets its state.
+    """
+    least, joint = _least(problem)
+    if not least > 0:
+        return False
+    missed = _missed(problem, _of_time(problem, least), of_states(problem))
+    return bool((missed[:, joint] < NEAR).all())
+
+
 def rounded_away(problem: Problem, duration: float) -> str:
     """Return a sentence if a state's last digits make a motion long; empty if they do not.
 

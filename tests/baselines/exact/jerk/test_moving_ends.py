@@ -175,6 +175,19 @@ def test_a_segment_whose_motion_rounding_breaks_at_the_first_possible_time():
     assert solved(problem).duration == pytest.approx((last - first) / jerk, rel=1e-9)
 
 
+def test_a_millisecond_whose_states_are_rounded_takes_a_millisecond():
+    """The last of an optimum; no motion has exactly these numbers in less than 0.8 s."""
+    problem = Problem(
+        [[0.7799827529625233], [0.7793642988193056]],
+        Limits([2.942240493677268], [3.3648225019397575], [97.47072729440593]),
+        start_velocity=[-0.6182206811993832],
+        end_velocity=[-0.6186713601147602],
+        start_acceleration=[-0.4994142790249283],
+        end_acceleration=[-0.4019435530332159],
+    )
+    assert solved(problem).duration == pytest.approx(0.001, rel=1e-6)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "cut", "half"),
