@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.along.ceilings import fastest, room
-from baselines.along.engine import timed
+from baselines.along.engine import PathTiming, timed
 from baselines.along.law import law
 from baselines.along.path import parts
 from baselines.along.program import End
@@ -29,6 +29,10 @@ _WITHIN, _LOWEST = 1 - 1e-9, 1e-9
 _GAUSS = np.polynomial.legendre.leggauss(4)
 _GOLDEN = (5**0.5 - 1) / 2
 _CUTS = 80
+# A bound that is at least this share of the motion's duration is not sought to be better.
+_NEAR = 0.98
+# Intervals at both ends in which the costate is 0, tried in turn.
+_IDLE = (0, 1, 2, 4, 8, 16)
 
 
 def bound(trajectory: Trajectory, limits: Limits, accuracy: float) -> float | None:
@@ -44,25 +48,42 @@ def bound(trajectory: Trajectory, limits: Limits, accuracy: float) -> float | No
     total = 0.0
     for path in found:
         timing = timed(path, free, (End(), End()), accuracy)
-        program = timing.program
-        sigma = np.r_[
-            program.knots[0], (program.knots[1:] + program.knots[:-1]) / 2, program.knots[-1]
-        ]
-        costate = np.r_[0.0, program.costate, 0.0]
-        at = np.union1d(program.knots, sigma)
-        shares, weights = _GAUSS
-        points = (at[:-1, None] + np.diff(at)[:, None] * (shares + 1) / 2).ravel()
-        size = (np.diff(at)[:, None] * weights / 2).ravel()
-        k = np.clip(np.searchsorted(sigma, points) - 1, 0, len(sigma) - 2)
-        slope = (np.diff(costate) / np.diff(sigma))[k]
-        own = timing.path
-        states = own.at(points, own.pieces_at(points))
-        rows = law(free, states, own.curve.segments_at(own.s(points)[0]), timing.unit)
-        damped = rows.slow[1].any(axis=0) & rows.slow[3].any(axis=0)
-        if rows.jerk.size or damped.any():
+        own = _of_part(timing, free)
+        if own is None:
             return None
-        total += float(_least(rows.slow, slope, 2 * np.interp(points, sigma, costate)) @ size)
+        total += own
     return total
+
+
+def _of_part(timing: PathTiming, limits: Limits) -> float | None:
+    """Return the bound of a part without stops; None where a row damps, or knows jerk.
+
+    Beside an end where the path stands no row bounds the speed. There the rounding of the costate
+    may make the minimum negative: then it is set to 0 in some intervals, which costs little.
+    """
+    program, path = timing.program, timing.path
+    knots = program.knots
+    sigma = np.r_[knots[0], (knots[1:] + knots[:-1]) / 2, knots[-1]]
+    at = np.union1d(knots, sigma)
+    shares, weights = _GAUSS
+    points = (at[:-1, None] + np.diff(at)[:, None] * (shares + 1) / 2).ravel()
+    size = (np.diff(at)[:, None] * weights / 2).ravel()
+    states = path.at(points, path.pieces_at(points))
+    rows = law(limits, states, path.curve.segments_at(path.s(points)[0]), timing.unit)
+    damped = rows.slow[1].any(axis=0) & rows.slow[3].any(axis=0)
+    if rows.jerk.size or damped.any():
+        return None
+    k = np.clip(np.searchsorted(sigma, points) - 1, 0, len(sigma) - 2)
+    best = 0.0
+    for idle in (*_IDLE, program.count):
+        costate = np.r_[0.0, program.costate, 0.0]
+        costate[: idle + 1] = costate[len(costate) - 1 - idle :] = 0.0
+        slope = (np.diff(costate) / np.diff(sigma))[k]
+        least = _least(rows.slow, slope, 2 * np.interp(points, sigma, costate))
+        best = max(best, float(least @ size))
+        if best > _NEAR * timing.motion.duration:
+            break
+    return best
 
 
 def _least(rows: Array, slope: Array, rate: Array) -> Array:
