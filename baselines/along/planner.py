@@ -28,6 +28,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.route import State
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import Tolerance
 from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 
@@ -183,11 +184,12 @@ def along(problem: Problem, trajectory: Trajectory, accuracy: float) -> Solution
 
 def _outside(problem: Problem, path: Trajectory) -> str:
     """Say that a path breaks limits that no timing mends, and where; else nothing."""
+    tolerated = Tolerance().position_limit * problem.largest_displacements
     for limit in problem.limits.kinds.values():
         if limit.is_ratio:
             continue
         use = limit.worst(path)
-        if limit.flaw(use, problem.route.rounding, problem):
+        if limit.flaw(use, tolerated, problem):
             joint = use.joint
             whose = "" if joint is None else f" of {problem.joint_labels[joint]}"
             unit = "" if joint is None else f" {problem.unit(joint)}"

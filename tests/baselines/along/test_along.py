@@ -187,6 +187,15 @@ def test_a_path_outside_position_limits_says_where():
     assert "leaves the position limits of joint 1 by 0.363 rad in segment 1" in solution.message
 
 
+def test_a_path_that_touches_a_position_limit_but_for_rounding_is_timed():
+    top = 1.0 - 1e-13
+    path = Trajectory([0.0, 1.0], np.array([[-4.0], [4.0], [0.0]])[:, None], [0.0, 1.0])
+    problem = Problem([[0.0], [0.5], [0.0]], Limits([1.0], [2.0], position=[[0.0, top]]))
+    path = Trajectory(path.breaks, path.coefficients, [0.0, (1 - 0.5**0.5) / 2, 1.0])
+    solution = Along().along(problem, path)
+    assert verify(problem, solution.trajectory).certified_duration == pytest.approx(3, rel=5e-4)
+
+
 def test_where_no_speed_is_allowed():
     # the law allows no motion upwards beyond 1.5 − 0.1²/6
     problem = Problem([[0.0], [1.499]], Limits([10.0], [5.0], falling_velocity=FALLING))
