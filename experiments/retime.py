@@ -1,4 +1,4 @@
-"""How fast is the planner `along` on a given path, beside TOPP-RA, COPP and itself?
+"""How fast is the planner `along` along a given path, beside TOPP-RA, COPP and itself?
 
     python -m experiments.retime            # 100 walks and more, some minutes on one core
     python -m experiments.retime --quick    # 3 walks of each kind
@@ -191,7 +191,7 @@ def _mirrored(problem: Problem) -> Limits:
     return Limits(-own.velocity[:, ::-1], own.acceleration, jerk)
 
 
-def price(problem: Problem) -> Iterator[dict[str, Any]]:
+def price(suite: str, problem: Problem) -> Iterator[dict[str, Any]]:
     """Compare the best of twelve splines, timed by `along`, with the best known motion."""
     known = records.find(problem)
     planner = load("along")
@@ -200,9 +200,8 @@ def price(problem: Problem) -> Iterator[dict[str, Any]]:
     began = time.process_time()
     solution = planner.solve(problem)
     seconds = time.process_time() - began
-    group = catalogue.group(problem)
     above = judged(problem, solution)[0] / known.duration - 1
-    yield row(f"path over best known: {group}", above, seconds)
+    yield row(f"path over best known, {suite}", above, seconds)
 
 
 def main(
@@ -210,7 +209,7 @@ def main(
     output: Path = Path("results/retime"),
     quick: bool = False,
     suites: bool = False,
-    only: Literal["all", "grids", "jerk", "relations"] = "all",
+    only: Literal["all", "grids", "jerk", "relations", "price"] = "all",
 ) -> None:
     """Measure everything that is missing, and print medians and extremes.
 
@@ -227,7 +226,7 @@ def main(
     if suites:
         for suite in SUITES:
             for problem in catalogue.problems(suite)[:: 20 if quick else 1]:
-                cells["price", problem.name] = partial(_listed, price, problem)
+                cells["price", problem.name] = partial(_listed, price, suite, problem)
     table = kept(output / "retime.csv", KEY, cells)
     found = table.groupby("measure", sort=False).agg(
         count=("value", "count"),
@@ -240,8 +239,8 @@ def main(
     print(found.to_string(float_format="{:.3g}".format))
 
 
-def _listed(question: Any, of: Any) -> list[dict[str, Any]]:
-    return list(question(of))
+def _listed(question: Any, *of: Any) -> list[dict[str, Any]]:
+    return list(question(*of))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 The first knots are even in the path's parameter, the second ones in time. Then intervals are cut in
 three where time is lost: where the tightest row leaves room, or the motion exceeds a row between
-its points. That ends when neither the excess nor the change of the time matters.
+its points. That ends when neither the excess nor the change of the time matters (`_SETTLED`).
 
 Between knots `s(t)` is the quintic with the program's speed and acceleration at both ends. The
 motion `q(s(t))` is composed exactly, so it never leaves the path; what the quintic misses is an
@@ -27,6 +27,8 @@ from trajopt.core.trajectory import Trajectory
 # Intervals of the first knots.
 _INTERVALS = 50
 _MAX_GRIDS = 9
+# The share of the accuracy asked for below which excess and change of the time no longer matter.
+_SETTLED = 0.35
 # Where the motion is looked at between two knots, as shares of time.
 _LOOKS = np.linspace(0.0, 1.0, 17)
 # Of the uniform speed, to start from.
@@ -197,8 +199,8 @@ def timed(
         motion, over, lost = grid.motion(x)
         worst = float(over.max())
         excess_time = float(over @ motion.lengths)
-        settled = excess_time < accuracy / 2 * motion.duration
-        settled &= abs(motion.duration / last - 1) < accuracy / 2
+        settled = excess_time < _SETTLED * accuracy * motion.duration
+        settled &= abs(motion.duration / last - 1) < _SETTLED * accuracy
         if count == _MAX_GRIDS or (count > 2 and settled):
             break
         last = motion.duration
@@ -212,7 +214,7 @@ def timed(
     if exactly:  # at an end in motion a limit may be used whole
         margin[1:-1] = _EVERYWHERE
     for _ in range(_TIGHTENED):
-        if worst <= (_WITHIN if exactly else accuracy / 2):
+        if worst <= (_WITHIN if exactly else _SETTLED * accuracy):
             break
         margin += _MARGIN * over
         before = grid, x

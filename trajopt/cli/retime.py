@@ -178,7 +178,7 @@ def _bounded(found: Retiming) -> str:
     """Say what no motion along the path falls below."""
     least = found.bound
     if least is None or found.duration is None:
-        return "No lower bound is known for this path under these limits."
+        return "No bound along this path is known under these limits."
     above = 100 * (found.duration / least - 1)
     jerk = ", whose jerk limits are left out of it" if found.problem.has("jerk") else ""
     return (
