@@ -1,21 +1,33 @@
-"""How do the reference planners' times grow with the number of waypoints?
+"""What do the reference planners cost: as problems grow, many together, and beside TOPP-RA?
 
     python -m experiments.scaling                # up to 1000 waypoints, some minutes on a core
-    python -m experiments.scaling --quick        # up to 20
+    python -m experiments.scaling --quick        # up to 20, and 20 together
 
-The problems are random walks of seven joints, each the beginning of a longer one, with the limits
-that a planner knows. The times are CPU seconds of a planner's first `solve` at a size. They include
-building IPOPT's program, if it uses IPOPT, but no imports, since another problem is solved before.
-The slope is the power of the number of waypoints, fitted from `FITTED_FROM` waypoints on. Rows go
-to `scaling.csv` in `--output` as soon as they are known, and running again does only what is
-missing; the figure is `scaling.png` and `.svg`.
+Three tables. `scaling.csv`: random walks of seven joints, each the beginning of a longer one, with
+the limits that a planner knows. The times are CPU seconds of a planner's first `solve` at a size.
+They include building IPOPT's program, if it uses IPOPT, but no imports, since another problem is
+solved before. The slope is the power of the number of waypoints, fitted from `FITTED_FROM`
+waypoints on.
+
+`batches.csv`: problems like six-axis, solved by one call of `solve_many`, against one by one. Its
+memory is the most that one call holds at a time, measured in a call of its own.
+
+`beside.csv`: the exact optimum and one path by TOPP-RA, at three sizes. TOPP-RA takes only the
+velocity and acceleration limits, and its motion is that of one cubic spline.
+
+Rows go to `--output` as soon as they are known, and running again does only what is missing; the
+figure is `scaling.png` and `.svg`.
 """
 
 from __future__ import annotations
 
 import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cyclopts
 import numpy as np
@@ -25,6 +37,7 @@ from matplotlib.figure import Figure
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify
+from trajopt.benchmark.suites import catalogue
 from trajopt.core.limits import KINDS
 from trajopt.planners.registry import load
 from trajopt.views.figures import plots
@@ -40,6 +53,16 @@ WARM_UP = 4  # waypoints of a problem that is not measured
 FITTED_FROM = 10
 MARGIN = 0.02  # of position limits beyond the outermost waypoints, rad
 KEY = ["planner", "waypoints"]
+BATCHES = (1, 10, 100, 1000)
+ONE_BY_ONE = 100  # at most so many of them are solved one by one
+SPREAD = 0.3  # standard deviation of a waypoint's coordinate from six-axis's, rad
+JERK_PER_ACCELERATION = 10.0  # 1/s, of the jerk limits of `exact-jerk`
+PEERS = {
+    "exact": "exact",
+    "TOPP-RA, 100 intervals": "toppra:knots=chord,ends=clamped,gridpoints=100",
+    "TOPP-RA, 1000 intervals": "toppra:knots=chord,ends=clamped,gridpoints=1000",
+}
+REPEATS = 3
 
 
 def walk(waypoints: int, *, jerk: bool, position: bool) -> Problem:
@@ -79,6 +102,77 @@ def measured(planner: str, waypoints: int) -> list[dict[str, float]]:
     return [row]
 
 
+def like_six_axis(count: int, *, jerk: bool) -> list[Problem]:
+    """Problems of the shape and the limits of six-axis, their waypoints moved at random."""
+    rng = np.random.default_rng(0)
+    base = catalogue.load("six-axis")
+    limits = base.limits
+    if jerk:
+        each = np.abs(limits.acceleration).min(axis=1)
+        limits = Limits(limits.velocity, limits.acceleration, JERK_PER_ACCELERATION * each)
+    paths = base.waypoints + rng.normal(0, SPREAD, (count, *base.waypoints.shape))
+    return [
+        replace(base, waypoints=path, limits=limits, name=f"like-{i}")
+        for i, path in enumerate(paths)
+    ]
+
+
+def together(planner: str, count: int) -> list[dict[str, float]]:
+    """One batch's row: CPU ms a problem, together and one by one, and MB of memory."""
+    tried = load(planner)
+    problems = like_six_axis(count, jerk=tried.plans_for(KINDS["jerk"]))
+    some = problems[:ONE_BY_ONE]
+    tried.solve(problems[0])
+    spent, many = least(lambda: tried.solve_many(problems))
+    alone, one_by_one = least(lambda: [tried.solve(problem) for problem in some])
+    tracemalloc.start()
+    tried.solve_many(problems)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    pairs = zip(durations(many), durations(one_by_one), strict=False)
+    row = {
+        "together ms": 1e3 * spent / count,
+        "one by one ms": 1e3 * alone / len(some),
+        "MB": most / 1e6,
+        "largest difference": max(abs(own / other - 1) for own, other in pairs),
+    }
+    return [row]
+
+
+def durations(solutions: list[Any]) -> list[float]:
+    return [solution.trajectory.duration for solution in solutions]
+
+
+def least(call: Callable[[], Any]) -> tuple[float, Any]:
+    """The least CPU time of some calls, s, and what the last returned."""
+    spent = []
+    for _ in range(REPEATS):
+        began = time.process_time()
+        found = call()
+        spent.append(time.process_time() - began)
+    return min(spent), found
+
+
+def sizes(quick: bool) -> dict[str, Problem]:
+    """Problems of three sizes, waypoints × joints, under limits of velocity and acceleration."""
+    rng = np.random.default_rng(1)
+    flat = np.cumsum(rng.uniform(-1, 1, (300, 2)), axis=0)
+    problems = {"six-axis (4 × 6)": catalogue.load("six-axis").without("jerk", "position")}
+    if not quick:
+        problems["100 × 7"] = walk(100, jerk=False, position=False)
+        problems["300 × 2"] = Problem(flat, Limits([1.0] * 2, [2.0] * 2), "300 × 2")
+    return problems
+
+
+def beside(peer: str, problem: Problem) -> list[dict[str, float]]:
+    """One peer's row: CPU ms, and the certified duration in s."""
+    planner = load(PEERS[peer])
+    planner.solve(walk(WARM_UP, jerk=False, position=False))
+    spent, solution = least(lambda: planner.solve(problem))
+    certified = verify(problem, solution.trajectory).certified_duration or np.nan
+    return [{"ms": 1e3 * spent, "certified duration s": certified}]
+
+
 def slope(rows: pd.DataFrame) -> float:
     """The power of the waypoints that a planner's times grow with; NaN of one size alone."""
     fitted = rows[rows["waypoints"] >= FITTED_FROM]
@@ -110,24 +204,45 @@ def drawn(table: pd.DataFrame) -> Figure:
 
 
 def main(most: int = 1000, output: Path = Path("results/scaling"), quick: bool = False) -> None:
-    """Measure every size up to `most` waypoints, print the table and the slopes, draw both.
+    """Measure what is missing, print the tables and the slopes, draw the times of one problem.
 
-    `quick`: up to 20 waypoints.
+    Args:
+        most: Number of waypoints, and of problems together.
+        output: Folder.
+        quick: Up to 20 waypoints, and 20 problems together.
     """
     if quick:
         most = min(most, 20)
     cells = {}
-    for planner, sizes in SIZES.items():
-        for waypoints in sizes:
+    for planner, counts in SIZES.items():
+        for waypoints in counts:
             if waypoints <= most:
                 cells[planner, waypoints] = partial(measured, planner, waypoints)
     table = kept(output / "scaling.csv", KEY, cells)
     save_table(table, output / "scaling")
     print(table.to_string(index=False, float_format="{:.3g}".format))
-    for planner, own in table.groupby("planner"):
-        if not np.isnan(power := slope(own)):
+    for planner, rows in table.groupby("planner"):
+        if not np.isnan(power := slope(rows)):
             print(f"{planner}: time grows as waypoints to the power {power:.2f}")
     plots.save(drawn(table), output / "scaling")
+    batches = {
+        (planner, count): partial(together, planner, count)
+        for planner in ("exact", "exact-jerk")
+        for count in BATCHES
+        if count <= most
+    }
+    peers = {
+        (size, peer): partial(beside, peer, problem)
+        for size, problem in sizes(quick).items()
+        for peer in PEERS
+    }
+    found = [
+        ("batches", kept(output / "batches.csv", ["planner", "problems"], batches)),
+        ("beside", kept(output / "beside.csv", ["waypoints × joints", "planner"], peers)),
+    ]
+    for name, table in found:
+        save_table(table, output / name)
+        print(table.to_string(index=False, float_format="{:.3g}".format))
 
 
 if __name__ == "__main__":

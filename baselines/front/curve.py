@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -29,7 +29,11 @@ _FACTORS = (1.05, 1.1, 1.2, 1.35, 1.5, 2.0, 3.0)
 
 
 def front(
-    problem: Problem, measure: Measure, durations: Sequence[float] | None, time_limit: float
+    problem: Problem,
+    measure: Measure,
+    durations: Sequence[float] | None,
+    time_limit: float,
+    tell: Callable[[str], None],
 ) -> list[FrontPoint]:
     """Return a point for each duration, in order.
 
@@ -38,6 +42,7 @@ def front(
         measure: `jerk` or `acceleration`, whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known.
         time_limit: CPU time of the bound of each point, s.
+        tell: Called with what is done next, and at first with how long all may take.
 
     Raises:
         InvalidInput: No motion of a duration is found, or no motion at all.
@@ -49,11 +54,15 @@ def front(
         if known is None:
             raise InvalidInput("durations", "given: no motion that keeps every limit is known")
         durations = [factor * known.duration for factor in _FACTORS]
+    most = (len(durations) + 1) * time_limit
+    proofs = f"proofs take up to {most:.0f} CPU s" if most else "nothing is proved"
+    tell(f"{len(durations)} durations, {proofs}")
     free = None
     if time_limit > 0:
         free = free_bound(merged, measure, time_limit)
     points = []
-    for duration in durations:
+    for number, duration in enumerate(durations, start=1):
+        tell(f"{duration:.4g} s, {number} of {len(durations)}")
         start = None if known is None else known.trajectory
         found = least(merged, measure, duration, start)
         if found is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -64,12 +64,16 @@ class Smooth(Planner):
             raise InvalidInput("budget", "a duration or a budget, not both", value=self.budget)
 
     def front(
-        self, problem: Problem, durations: Sequence[float] | None, time_limit: float
+        self,
+        problem: Problem,
+        durations: Sequence[float] | None,
+        time_limit: float,
+        tell: Callable[[str], None],
     ) -> list[FrontPoint]:
         """Return the front of this measure, as `baselines.front.curve.front` does."""
         from baselines.front.curve import front
 
-        return front(problem, self.measure, durations, time_limit)
+        return front(problem, self.measure, durations, time_limit, tell)
 
     def smoothed(self, problem: Problem, motion: Trajectory) -> Trajectory:
         """Return the smoothest motion of the same waypoint times (`baselines.front.least`)."""

@@ -7,7 +7,7 @@ for point in front.points:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -35,9 +35,13 @@ class KnowsFront(Protocol):
     """A planner that knows the smoothest motions of a problem."""
 
     def front(
-        self, problem: Problem, durations: Sequence[float] | None, time_limit: float
+        self,
+        problem: Problem,
+        durations: Sequence[float] | None,
+        time_limit: float,
+        tell: Callable[[str], None],
     ) -> list[FrontPoint]:
-        """Return a point for each duration."""
+        """Return a point for each duration; `tell` is called with what is done next."""
         ...
 
     def smoothed(self, problem: Problem, motion: Trajectory) -> Trajectory:
@@ -135,6 +139,7 @@ def front(
     measure: Measure = "jerk",
     durations: Sequence[float] | None = None,
     time_limit: float = 60.0,
+    tell: Callable[[str], None] = lambda step: None,
 ) -> Front:
     """Return the front of duration and smoothness (docs/mathematics.md, section 12).
 
@@ -143,6 +148,7 @@ def front(
         measure: `jerk` or `acceleration`, whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known duration.
         time_limit: Seconds of CPU time for the proof of each point; with 0 nothing is proved.
+        tell: Called with what is done next, and at first with how long all may take.
 
     Raises:
         InvalidInput: A duration is no positive number, or too short for any motion known.
@@ -164,7 +170,7 @@ def front(
         raise TrajoptError(f"{given.name} has no front here: {reason}")
     planner = cast(KnowsFront, smooth)
     asked = None if durations is None else sorted(map(float, durations))
-    return Front(given, measure, tuple(planner.front(given, asked, time_limit)))
+    return Front(given, measure, tuple(planner.front(given, asked, time_limit, tell)))
 
 
 def smoothest(problem: Problem, motion: Trajectory) -> Trajectory:

@@ -70,8 +70,10 @@ def front(
         output: Folder for the planners' trials and the figure.
     """
     loaded = asked.problem(problem, robot, scaled=True)
-    with console.waiting(f"the front of {loaded.name}"):
-        found = front_of(loaded, measure=measure, durations=durations, time_limit=time_limit)
+    with console.waiting(f"the front of {loaded.name}", long=True) as tell:
+        found = front_of(
+            loaded, measure=measure, durations=durations, time_limit=time_limit, tell=tell
+        )
     wanted = planner if planner is not None or json else default_planners(Allowance(TIMEOUT))
     beside = _beside(found, loaded, wanted, output) if wanted else []
     if json:
