@@ -50,10 +50,13 @@ def suites(page: Page) -> list[dict[str, Any]]:
 
 def between_seeds(page: Page) -> list[dict[str, Any]]:
     """Compare planners with several runs on each problem, if the page has few of them."""
-    if len(page.problems) > 1 and _seed_pairs(page) > SEED_PAIRS:
+    pairs = _seed_pairs(page)
+    if len(page.problems) > 1 and pairs.sum() > SEED_PAIRS:
         return []
     found = []
     for problem in page.problems:
+        if not pairs.get(problem.digest(), 0):
+            continue
         tests = page.results.between_seeds(problem.digest())
         if len(tests):
             lines = rivals.seeds(tests, page.labels)
@@ -62,13 +65,12 @@ def between_seeds(page: Page) -> list[dict[str, Any]]:
     return found
 
 
-def _seed_pairs(page: Page) -> int:
-    """Count the pairs of planners with several runs each, over all problems."""
+def _seed_pairs(page: Page) -> pd.Series[int]:
+    """Count the pairs of planners with several runs each, by the problem's digest."""
     runs = competing(page.gaps).groupby(["digest", "label"]).size()
     several = runs[runs > 1]
     planners = several.groupby("digest").size()
-    pairs = planners * (planners - 1) // 2
-    return int(pairs.sum())
+    return planners * (planners - 1) // 2
 
 
 def groups(problems: Mapping[str, Problem]) -> dict[str, list[str]]:
