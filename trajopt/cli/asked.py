@@ -129,7 +129,10 @@ def with_numbers(problem: Problem, robot: RobotOptions) -> Problem:
     if not robot.numbers:
         return problem
     limits: dict[str, Any] = {**problem.limits.kinds, **robot.numbers}
-    return replace(problem, limits=Limits(**limits), chain=catalogue.chain(problem))
+    try:
+        return replace(problem, limits=Limits(**limits), chain=catalogue.chain(problem))
+    except InvalidInput as error:
+        raise error.in_file(problem.name) from None
 
 
 def problem(

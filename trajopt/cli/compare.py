@@ -106,7 +106,7 @@ def compare(
     allowed = Allowance(timeout, memory)
     loaded = asked.problems(problems, robot)
     for name in dict.fromkeys(suite or []):
-        loaded += catalogue.problems(name)
+        loaded += [asked.with_numbers(own, robot) for own in catalogue.problems(name)]
     contestants: list[Contestant] = [*(planner or default_planners(allowed))]
     asked.check_motion_unit(motion_unit, motion or [], "--motion-unit")
     contestants += _motions(motion or [], interpolation, motion_unit)
