@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import runpy
 import subprocess
@@ -16,6 +17,7 @@ from trajopt import Limits, Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
+from trajopt.judging import check_proof
 
 SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "best-known" / "check_proof.py"
 
@@ -27,7 +29,7 @@ def checked(monkeypatch, capsys):
     def run(content):
         monkeypatch.setattr(sys, "stdin", io.StringIO(content))
         try:
-            runpy.run_path(str(SCRIPT))
+            runpy.run_path(str(SCRIPT), run_name="__main__")
         except SystemExit as end:
             return end.code, capsys.readouterr().out
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -38,8 +40,10 @@ def checked(monkeypatch, capsys):
 
 def test_it_imports_the_standard_library_only():
     script = SCRIPT.read_text(encoding="utf-8")
-    lines = [line.split() for line in script.splitlines()]
-    imports = {words[1] for words in lines if words and words[0] in ("from", "import")}
+    nodes = list(ast.walk(ast.parse(script)))
+    modules = [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+    modules += [name.name for node in nodes if isinstance(node, ast.Import) for name in node.names]
+    imports = {module.partition(".")[0] for module in modules}
     assert imports <= sys.stdlib_module_names
     assert "trajopt" not in script
 
@@ -136,3 +140,7 @@ def test_the_toolkit_never_proves_more_than_exact_fractions_do(checked, name):
         if bound > 0:
             code, out = checked(text(said))
             assert not code, out
+
+
+def test_the_page_ships_the_very_file_that_the_product_has():
+    assert SCRIPT.read_bytes() == Path(check_proof.__file__).read_bytes()

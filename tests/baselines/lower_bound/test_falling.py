@@ -91,7 +91,7 @@ def checked(monkeypatch, problem: Problem, lower_bound: float, proof: BoundProof
     text = trial_text.write(record.trial, brief=True)
     monkeypatch.setattr(sys, "stdin", io.StringIO(text.decode()))
     try:
-        runpy.run_path(str(SCRIPT))
+        runpy.run_path(str(SCRIPT), run_name="__main__")
     except SystemExit as end:
         return not end.code
     return False

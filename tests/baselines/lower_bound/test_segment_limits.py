@@ -52,7 +52,7 @@ def checked(monkeypatch, capsys):
     def run(text):
         monkeypatch.setattr(sys, "stdin", io.StringIO(text))
         with pytest.raises(SystemExit) as end:
-            runpy.run_path(str(SCRIPT))
+            runpy.run_path(str(SCRIPT), run_name="__main__")
         capsys.readouterr()
         return end.value.code
 

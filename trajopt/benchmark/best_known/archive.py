@@ -23,8 +23,10 @@ from trajopt.benchmark.store import atomic
 from trajopt.benchmark.suites import catalogue, robots
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput
+from trajopt.judging import check_proof
 
-SCRIPTS = ("check_proof.py", "check_all.py")
+KERNEL = Path(check_proof.__file__)
+CHECK_ALL = "check_all.py"
 SUMS = "SHA256SUMS"
 # ZIP's own first date: the archive has none, so that it depends on its content alone.
 _NO_DATE = (1980, 1, 1, 0, 0, 0)
@@ -59,8 +61,8 @@ def write(file: Path, where: Path | None = None) -> int:
 def _contents(found: Sequence[Record], where: Path | None) -> dict[str, bytes]:
     """Return the archive's files by name, but for the checksums."""
     contents = {"README.md": _card(found).encode(), "CITATION.cff": _citation(found).encode()}
-    for name in SCRIPTS:
-        contents[name] = _script(name).read_bytes()
+    for script in (KERNEL, _check_all()):
+        contents[script.name] = script.read_bytes()
     contents["index.csv"] = _index(found).encode()
     for record in found:
         file = records.file_of(record.problem, where)
@@ -81,12 +83,12 @@ def _zipped(contents: Mapping[str, bytes], folder: str) -> bytes:
     return packed.getvalue()
 
 
-def _script(name: str) -> Path:
-    """Return a script: in the installed package, or among the examples of a checkout."""
+def _check_all() -> Path:
+    """Return the script: in the installed package, or among the examples of a checkout."""
     folder = built_in.data_folder()
     if not built_in.is_installed():
         folder = folder.parent / "docs" / "examples" / "best-known"
-    return folder / name
+    return folder / CHECK_ALL
 
 
 def _stem(record: Record) -> str:
