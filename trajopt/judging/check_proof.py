@@ -203,7 +203,7 @@ def proof_of(stats: dict[str, Any]) -> dict[str, Any]:
 # --- the problem ---
 
 
-class FallingVelocity(NamedTuple):
+class ExactFall(NamedTuple):
     """At the distance w from an end of its range, a joint's velocity is at most √(2 d w) − o."""
 
     offset: Fraction
@@ -213,7 +213,7 @@ class FallingVelocity(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Problem:
+class ExactProblem:
     """What every motion must do. Limits are sizes: of both signs, above 0.
 
     Attributes:
@@ -234,7 +234,7 @@ class Problem:
     acceleration: Sizes
     jerk: Limits
     position: list[Pair]
-    falling: list[FallingVelocity | None]
+    falling: list[ExactFall | None]
     tolerance: list[Numbers]
     least_times: Numbers
     waits: Numbers
@@ -264,7 +264,7 @@ class Problem:
         ]
 
 
-def stated(problem: dict[str, Any]) -> Problem:
+def stated(problem: dict[str, Any]) -> ExactProblem:
     """Return the problem that a file states, of all its waypoints and joints.
 
     Raises:
@@ -291,13 +291,13 @@ def stated(problem: dict[str, Any]) -> Problem:
     no_falls = any(map(any, tolerance))  # a relaxation where waypoints have tolerances
     rest = [ZERO] * joints
     given = problem.get("given_times")
-    return Problem(
+    return ExactProblem(
         waypoints=waypoints,
         velocity=both_sided("velocity", by_segment(velocity)),
         acceleration=both_sided("acceleration", by_segment(acceleration)),
         jerk=by_segment(jerk),
         position=[(low, high) for low, high in position],
-        falling=[None if None in fall or no_falls else FallingVelocity(*fall) for fall in falls],
+        falling=[None if None in fall or no_falls else ExactFall(*fall) for fall in falls],
         tolerance=tolerance,
         least_times=given or problem.get("least_times", [ZERO] * segments),
         waits=problem.get("dwell", [ZERO] * len(waypoints)),
@@ -316,7 +316,7 @@ def both_sided(name: str, limits: Limits) -> Sizes:
     return table
 
 
-def through(problem: Problem, numbers: Sequence[int]) -> Problem:
+def through(problem: ExactProblem, numbers: Sequence[int]) -> ExactProblem:
     """Leave out all waypoints but these, the first and the last among them.
 
     A segment between two of them keeps the limits of the last one that it replaces; a waypoint
@@ -336,7 +336,7 @@ def through(problem: Problem, numbers: Sequence[int]) -> Problem:
     )
 
 
-def distinct_waypoints(problem: Problem) -> list[int]:
+def distinct_waypoints(problem: ExactProblem) -> list[int]:
     """Return the waypoints that differ from the one before by more than rounding, or take time."""
     points = problem.waypoints
     rounding = [ROUNDING_RTOL * max(map(abs, column)) for column in zip(*points, strict=True)]
@@ -351,7 +351,7 @@ def distinct_waypoints(problem: Problem) -> list[int]:
     return numbers
 
 
-def resolved_waypoints(problem: Problem) -> list[int]:
+def resolved_waypoints(problem: ExactProblem) -> list[int]:
     """Return the waypoints but for those between two short steps in one line, see (7.1).
 
     Rounding may miss them. Where the limits change at one, it stays.
@@ -392,7 +392,7 @@ def loosest(limits: Any) -> Any:
     ]
 
 
-def through_stated(problem: Problem, numbers: Sequence[Fraction]) -> Problem:
+def through_stated(problem: ExactProblem, numbers: Sequence[Fraction]) -> ExactProblem:
     """Leave out all waypoints but those that the proof counts: a relaxation.
 
     Each segment gets the loosest limits of those that it replaces, each waypoint its own tolerance.
@@ -412,7 +412,7 @@ def through_stated(problem: Problem, numbers: Sequence[Fraction]) -> Problem:
     )
 
 
-def of_moving_joints(problem: Problem) -> Problem:
+def of_moving_joints(problem: ExactProblem) -> ExactProblem:
     columns = zip(*problem.waypoints, strict=True)
     moving = [j for j, x in enumerate(columns) if len(set(x)) > 1 or any(problem.ends[j])]
 
@@ -432,7 +432,7 @@ def of_moving_joints(problem: Problem) -> Problem:
     )
 
 
-def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> Problem:
+def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> ExactProblem:
     """Return the problem of a file, of those waypoints and joints that a bound counts."""
     problem = stated(said)
     problem = through(problem, distinct_waypoints(problem))
@@ -446,7 +446,7 @@ def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> Problem:
 # --- a bound in closed form ---
 
 
-def farthest(problem: Problem, time: Fraction, j: int, side: int) -> Fraction:
+def farthest(problem: ExactProblem, time: Fraction, j: int, side: int) -> Fraction:
     """Return at least the longest way of one joint from rest to rest in a given time."""
     velocity = loosest(problem.velocity)[j][side]
     braking, speeding = loosest(problem.acceleration)[j]
@@ -514,7 +514,7 @@ class Variables(NamedTuple):
         return self.before
 
 
-class Box(NamedTuple):
+class ExactBox(NamedTuple):
     """Lowest and highest T, v and a; 0 in the places of 1/T and T²."""
 
     low: Numbers
@@ -523,15 +523,15 @@ class Box(NamedTuple):
     def is_empty(self) -> bool:
         return any(low > high for low, high in zip(*self, strict=True))
 
-    def raised(self, x: int, at: Fraction) -> Box:
+    def raised(self, x: int, at: Fraction) -> ExactBox:
         low = [*self.low]
         low[x] = max(low[x], rounded_down(at))
-        return Box(low, self.high)
+        return ExactBox(low, self.high)
 
-    def lowered(self, x: int, at: Fraction) -> Box:
+    def lowered(self, x: int, at: Fraction) -> ExactBox:
         high = [*self.high]
         high[x] = min(high[x], rounded_up(at))
-        return Box(self.low, high)
+        return ExactBox(self.low, high)
 
 
 class Cell(NamedTuple):
@@ -545,7 +545,7 @@ class Cell(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Relaxation:
+class ExactRelaxation:
     """Linear inequalities that every motion shorter than the cut-off satisfies.
 
     All is in the proof's units of time and of each joint's lengths.
@@ -559,7 +559,7 @@ class Relaxation:
         instants: segment, joint and side of each row of a segment that may take no time.
     """
 
-    problem: Problem
+    problem: ExactProblem
     cutoff: Fraction
     at: Variables
     ways: list[Numbers]
@@ -569,7 +569,7 @@ class Relaxation:
     instants: list[tuple[int, int, int]]
 
     @classmethod
-    def of(cls, problem: Problem, proof: dict[str, Any]) -> Relaxation:
+    def of(cls, problem: ExactProblem, proof: dict[str, Any]) -> ExactRelaxation:
         """Return the relaxation of a proof's units and cut-off."""
         units, cutoff = proof["units"], proof["cutoff"]
         if len(units) != len(problem.joints) + 1 or min(units) <= 0:
@@ -627,7 +627,7 @@ class Relaxation:
         fall = self.fall(j)
         return self.distance_to_end(k, j, side) - fall.offset**2 / (2 * fall.deceleration)
 
-    def fall(self, j: int) -> FallingVelocity:
+    def fall(self, j: int) -> ExactFall:
         fall = self.problem.falling[j]
         assert fall is not None
         return fall
@@ -644,7 +644,7 @@ class Relaxation:
         far = root_above(2 * fall.deceleration * self.distance_to_end(k + 1, j, side))
         return min(limit, max(far - fall.offset, ZERO))
 
-    def root_box(self) -> Box:
+    def root_box(self) -> ExactBox:
         """Return a box that holds every motion up to the cut-off."""
         problem, at, products = self.problem, self.at, set(self.products)
         low, high = [ZERO] * at.boxed, [ZERO] * at.boxed
@@ -668,9 +668,9 @@ class Relaxation:
                 if (k, j) in products:
                     here, there = (problem.acceleration[i][j] for i in (k, self.segment_after(k)))
                     low[a], high[a] = -min(here[0], there[0]), min(here[1], there[1])
-        return Box(low, high)
+        return ExactBox(low, high)
 
-    def sides(self, x: int, box: Box) -> tuple[Fraction, Fraction] | None:
+    def sides(self, x: int, box: ExactBox) -> tuple[Fraction, Fraction] | None:
         """Return the least and the largest value of a variable; None: nothing bounds it."""
         low, high = box
         at = self.at
@@ -695,14 +695,14 @@ class Relaxation:
         inverse = self.inverse_sides(segment, box)
         return inverse and (-radius * inverse[1], radius * inverse[1])
 
-    def inverse_sides(self, k: int, box: Box) -> tuple[Fraction, Fraction] | None:
+    def inverse_sides(self, k: int, box: ExactBox) -> tuple[Fraction, Fraction] | None:
         """Return the sides of 1/T; None where a segment may take no time."""
         low, high = box.low[k], box.high[k]
         return (rounded_down(1 / high), rounded_up(1 / low)) if low > 0 else None
 
     # --- rows of a box ---
 
-    def box_row(self, i: int, box: Box) -> Row | None:
+    def box_row(self, i: int, box: ExactBox) -> Row | None:
         """Return row i of a box: the cut-off, then (5.8), (5.9), the same for y/T, instants.
 
         None where it bounds nothing because a segment may take no time.
@@ -729,7 +729,7 @@ class Relaxation:
         segments, pairs = len(self.problem.segments), len(self.products) + len(self.offsets)
         return 1 + 2 * segments + 8 * pairs + len(self.instants)
 
-    def acceleration_product(self, i: int, box: Box) -> Row:
+    def acceleration_product(self, i: int, box: ExactBox) -> Row:
         """Return row i of all a T, (5.9)."""
         is_after, i = divmod(i, 4 * len(self.products))
         (k, j), corner = self.products[i // 4], i % 4
@@ -739,7 +739,7 @@ class Relaxation:
         x_sides, t_sides = (box.low[x], box.high[x]), (box.low[t], box.high[t])
         return corner_row(corner, product, x, x_sides, t, t_sides)
 
-    def offset_product(self, i: int, box: Box) -> Row | None:
+    def offset_product(self, i: int, box: ExactBox) -> Row | None:
         """Return row i of all y/T: (5.9) with y for a and 1/T for T."""
         is_after, i = divmod(i, 4 * len(self.offsets))
         (k, j), corner = self.offsets[i // 4], i % 4
@@ -762,7 +762,7 @@ class Relaxation:
                 add(row, self.at.offset + state, Fraction(change))
         return row, -sign * self.ways[k][j]
 
-    def square_tangent(self, k: int, t: Fraction, box: Box) -> Row:
+    def square_tangent(self, k: int, t: Fraction, box: ExactBox) -> Row:
         """Return (5.10), from (h − T) (T − t)² ≥ 0."""
         h = box.high[k]
         row = {self.at.square + k: ONE, k: -h - 2 * t, self.at.inverse + k: -h * t**2}
@@ -892,7 +892,7 @@ class Ends(NamedTuple):
     slope: Fraction
 
 
-def in_units(problem: Problem, time: Fraction, lengths: Numbers) -> Problem:
+def in_units(problem: ExactProblem, time: Fraction, lengths: Numbers) -> ExactProblem:
     """Return a problem with times in a unit, and each joint's lengths in one of its own."""
     rate, rate_of_rate, jerk = ([time**order / size for size in lengths] for order in (1, 2, 3))
 
@@ -915,7 +915,7 @@ def in_units(problem: Problem, time: Fraction, lengths: Numbers) -> Problem:
         position=position,
         falling=[
             fall
-            and FallingVelocity(
+            and ExactFall(
                 fall.offset * time / size,
                 fall.deceleration * time**2 / size,
                 fall.low / size,
@@ -933,7 +933,7 @@ def in_units(problem: Problem, time: Fraction, lengths: Numbers) -> Problem:
     )
 
 
-def reachable(problem: Problem, cutoff: Fraction) -> Sizes:
+def reachable(problem: ExactProblem, cutoff: Fraction) -> Sizes:
     """Return velocity limits no larger than what a motion of the cut-off can reach.
 
     It speeds up from the start's velocity to a peak, and brakes from there to the end's.
@@ -1039,12 +1039,12 @@ class ProofRows:
         fixed: rows that hold in every box.
     """
 
-    relaxation: Relaxation
+    relaxation: ExactRelaxation
     squares: list[tuple[int, Fraction]]
     fixed: list[Row]
 
     @classmethod
-    def of(cls, relaxation: Relaxation, proof: dict[str, Any]) -> ProofRows:
+    def of(cls, relaxation: ExactRelaxation, proof: dict[str, Any]) -> ProofRows:
         segments, joints = len(relaxation.problem.segments), len(relaxation.problem.joints)
 
         def numbers(name: str, k: Fraction, j: Fraction) -> tuple[int, int]:
@@ -1070,7 +1070,7 @@ class ProofRows:
     def __len__(self) -> int:
         return self.relaxation.box_rows() + len(self.squares) + len(self.fixed)
 
-    def row(self, i: int, box: Box) -> Row | None:
+    def row(self, i: int, box: ExactBox) -> Row | None:
         """Return row i in a box; None where it bounds nothing."""
         of_box = self.relaxation.box_rows()
         if i < of_box:
@@ -1081,7 +1081,7 @@ class ProofRows:
         return self.fixed[i - len(self.squares)]
 
     def bound(
-        self, objective: dict[int, Fraction], box: Box, multipliers: list[Numbers]
+        self, objective: dict[int, Fraction], box: ExactBox, multipliers: list[Numbers]
     ) -> Fraction:
         """Return a lower bound of an objective on a box, (5.12): any multipliers y ≥ 0 give one.
 
@@ -1124,7 +1124,7 @@ def proved(said: dict[str, Any], proof: dict[str, Any]) -> Fraction:
         NoProof: A part is not what it must be, or the tree has a branch without a leaf.
     """
     problem = counted_problem(said, proof)
-    relaxation = Relaxation.of(problem, proof)
+    relaxation = ExactRelaxation.of(problem, proof)
     rows = ProofRows.of(relaxation, proof)
     times = dict.fromkeys(problem.segments, ONE)
     boxes, lowest, used = [relaxation.root_box()], relaxation.cutoff, 0
