@@ -63,12 +63,12 @@ Row = tuple[dict[int, Fraction], Fraction]  # coefficients by variable; upper bo
 
 
 class NoProof(Exception):
-    """The file proves nothing; the text says what would be right."""
+    """The file proves nothing: the part that is wrong, what would be right, and the value."""
 
-
-def refuse(what: str, value: object, right: str) -> NoProof:
-    shown = f"{float(value):g}" if isinstance(value, Fraction) else value
-    return NoProof(f"{what} is {shown}: expected {right}")
+    def __init__(self, part: str, expected: str, value: object = None) -> None:
+        self.part, self.expected, self.value = part, expected, value
+        shown = float(value) if isinstance(value, Fraction) else value
+        super().__init__(f"{part}{'' if value is None else f' is {shown}'}: expected {expected}")
 
 
 # --- numbers ---
@@ -104,7 +104,7 @@ def total(terms: Iterable[Fraction]) -> Fraction:
 def counted(what: str, x: Fraction, count: int) -> int:
     """Return a number that counts or numbers something."""
     if x != floor(x) or not 0 <= x < count:
-        raise refuse(what, x, f"a whole number from 0 to {count - 1}")
+        raise NoProof(what, f"a whole number from 0 to {count - 1}", x)
     return int(x)
 
 
@@ -122,16 +122,16 @@ def read(text: str) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         named = dict(pairs)
         if len(named) < len(pairs):
-            raise NoProof("a key stands there twice")
+            raise NoProof("the text", "no key twice")
         return named
 
     def number(digits: str) -> Fraction:
         if float(digits) in (inf, -inf):
-            raise refuse("a number", digits, "a finite one")
+            raise NoProof("a number", "a finite one", digits)
         return Fraction(float(digits))
 
     def constant(name: str) -> Fraction:
-        raise refuse("a number", name, "a finite one")
+        raise NoProof("a number", "a finite one", name)
 
     record: dict[str, Any] = json.loads(
         text,
@@ -187,16 +187,16 @@ def proof_of(stats: dict[str, Any]) -> dict[str, Any]:
         return {}
     for name in tables:
         if name not in TABLES:
-            raise refuse("a table of the proof", name, ", ".join(TABLES))
+            raise NoProof("a table", ", ".join(TABLES), name)
     for name, columns in TABLES.items():
         if name not in tables and name not in OPTIONAL:
-            raise refuse(name, "missing", f"a proof of {', '.join(TABLES)}")
+            raise NoProof(name, "a table of finite numbers")
         for row in tables.setdefault(name, []):
             numbers = row if columns else [row]
             if not isinstance(numbers, list) or len(numbers) != max(columns, 1):
-                raise refuse(name, shape(row), f"rows of {columns or 1}")
+                raise NoProof(name, f"rows of {max(columns, 1)}", shape(row))
             if not all(isinstance(x, Fraction) for x in numbers):
-                raise refuse(name, "another thing", "a table of finite numbers")
+                raise NoProof(name, "a table of finite numbers")
     return tables
 
 
@@ -271,16 +271,16 @@ def stated(problem: dict[str, Any]) -> ExactProblem:
         NoProof: It has another digest, or a demand that is unknown here.
     """
     if digest(problem) != problem["digest"]:
-        raise NoProof("these are another problem's numbers: the digest differs")
+        raise NoProof("digest", "that of the problem's numbers", problem["digest"])
     unknown = problem.keys() - {*DESCRIPTION, *DEMANDS}
     if unknown:
-        raise refuse("a demand", ", ".join(sorted(unknown)), ", ".join(DEMANDS))
+        raise NoProof("a demand", ", ".join(DEMANDS), ", ".join(sorted(unknown)))
     waypoints, limits = problem["waypoints"], problem["limits"]
     joints, segments = len(waypoints[0]), len(waypoints) - 1
     unlimited = [[None, None]] * joints
     velocity, acceleration, jerk, position = (limits.get(name, unlimited) for name in BOUNDED)
     if len(shape(position)) == 3:
-        raise NoProof("position limits by segment are unknown here")
+        raise NoProof("position", "one pair of limits for each joint")
 
     def by_segment(pairs: Any) -> Limits:
         table = pairs if len(shape(pairs)) == 3 else [pairs] * segments
@@ -312,7 +312,7 @@ def stated(problem: dict[str, Any]) -> ExactProblem:
 def both_sided(name: str, limits: Limits) -> Sizes:
     table = [[(low, high) for low, high in row if low and high] for row in limits]
     if list(map(len, table)) != list(map(len, limits)):
-        raise NoProof(f"{name}: a joint without a limit, or with a limit of 0")
+        raise NoProof(name, "two limits of each joint that are not 0")
     return table
 
 
@@ -401,7 +401,7 @@ def through_stated(problem: ExactProblem, numbers: Sequence[Fraction]) -> ExactP
     counts = [counted("waypoints", k, last + 1) for k in numbers]
     if counts != sorted({*counts, 0, last, *(k for k, wait in enumerate(problem.waits) if wait)}):
         right = "rising numbers from the first to the last, with all at which it waits"
-        raise refuse("waypoints", counts, right)
+        raise NoProof("waypoints", right, counts)
     spans = list(pairwise(counts))
     return replace(
         through(problem, counts),
@@ -573,9 +573,9 @@ class ExactRelaxation:
         """Return the relaxation of a proof's units and cut-off."""
         units, cutoff = proof["units"], proof["cutoff"]
         if len(units) != len(problem.joints) + 1 or min(units) <= 0:
-            raise refuse("units", units and min(units), "positive units of time and every joint")
+            raise NoProof("units", "positive units of time and every joint")
         if len(cutoff) != 1 or cutoff[0] <= 0:
-            raise refuse("cutoff", len(cutoff), "one positive time")
+            raise NoProof("cutoff", "one positive time")
         problem = in_units(problem, units[0], units[1:])
         limit = cutoff[0] / units[0]
         if not problem.closed:
@@ -778,7 +778,7 @@ class ExactRelaxation:
         """Return a₁ − a₀ ≤ J T, (5.11)."""
         jerk = self.problem.jerk[k][j][side]
         if jerk is None:
-            raise refuse("ramps", j, "joints with a jerk limit on that side")
+            raise NoProof("ramps", "joints with a jerk limit on that side", j)
         sign = Fraction(1 if side else -1)
         row, bound = {k: -jerk}, ZERO
         before, after = self.state_before(k, j), self.state_after(k, j)
@@ -802,11 +802,11 @@ class ExactRelaxation:
         problem, at = self.problem, self.at
         widths = [end - start for start, end in pairwise([*(c.start for c in cells), ONE])]
         if not cells or cells[0].start != 0 or min(widths) <= 0:
-            raise refuse("cells", "in another order", "starts that rise from 0 to below 1")
+            raise NoProof("cells", "starts that rise from 0 to below 1")
         jerk, V, A = problem.jerk[k][j], problem.velocity[k][j], problem.acceleration[k][j]
         p = [without_free_jerk(c.p, width, jerk) for c, width in zip(cells, widths, strict=True)]
         if jerk == (None, None) and any(map(any, p)):
-            raise refuse("cells", "with p", "no p for a joint without jerk limits")
+            raise NoProof("cells", "no p for a joint without jerk limits")
         q = [cell.q for cell in cells]
         slope_ends = [c.slope + c.rate * width for c, width in zip(cells, widths, strict=True)]
         row = {k: -jumps(p, widths, A), at.square + k: ZERO}
@@ -857,7 +857,7 @@ class ExactRelaxation:
         if self.problem.falling[j] is not None:
             ends.append(max(self.distance_to_rest(k, j, side), ZERO))
         if not ends:
-            raise refuse("cells", "with another λ", "no change of λ without a position limit")
+            raise NoProof("cells", "no change of λ without a position limit")
         return sign * min(ends)
 
     def add_end_states(
@@ -1056,7 +1056,7 @@ class ProofRows:
         )
         for _, t in [*squares, *tangents]:
             if t <= 0:
-                raise refuse("tangents", t, "places above 0")
+                raise NoProof("tangents", "places above 0", t)
         fixed = [relaxation.tangent(k, t) for k, t in tangents]
         for k, j, side in proof["ramps"]:
             fixed.append(relaxation.ramp(*numbers("ramps", k, j), counted("ramps", side, 2)))
@@ -1129,12 +1129,12 @@ def proved(said: dict[str, Any], proof: dict[str, Any]) -> Fraction:
     times = dict.fromkeys(problem.segments, ONE)
     boxes, lowest, used = [relaxation.root_box()], relaxation.cutoff, 0
     if boxes[0].is_empty():
-        raise refuse("cutoff", proof["cutoff"][0], "a time in which every segment can be passed")
+        raise NoProof("cutoff", "a time in which every segment can be passed", proof["cutoff"][0])
     for kind, variable, at, count in proof["steps"]:
         if not boxes:
-            raise refuse("steps", "longer", "no step after the last leaf")
+            raise NoProof("steps", "no step after the last leaf")
         if kind not in (RAISE, LOWER, BRANCH, LEAF):
-            raise refuse("steps", kind, "kinds from 0 to 3")
+            raise NoProof("steps", "kinds from 0 to 3", kind)
         box = boxes.pop()
         last = used + counted("steps", count, len(proof["multipliers"]) - used + 1)
         multipliers = proof["multipliers"][used:last]
@@ -1143,7 +1143,7 @@ def proved(said: dict[str, Any], proof: dict[str, Any]) -> Fraction:
             counted("multipliers", number, len(rows))
         x = counted("steps", variable, relaxation.at.boxed)
         if relaxation.at.inverse <= x < relaxation.at.velocity:
-            raise refuse("steps", variable, "a time, a velocity or an acceleration")
+            raise NoProof("steps", "a time, a velocity or an acceleration", variable)
         if box.is_empty():
             boxes += [] if kind == LEAF else [box] * (1 + (kind == BRANCH))
         elif kind == LEAF:
@@ -1157,7 +1157,7 @@ def proved(said: dict[str, Any], proof: dict[str, Any]) -> Fraction:
             largest = -rows.bound({x: -ONE}, box, multipliers)
             boxes.append(box.lowered(x, max(largest, at) if at else largest))
     if boxes:
-        raise refuse("steps", "shorter", "a leaf at the end of every branch")
+        raise NoProof("steps", "a leaf at the end of every branch")
     return max(lowest * proof["units"][0], ZERO) + total(problem.waits)
 
 
