@@ -12,6 +12,6 @@ In reading order:
 - `evidence`: the verdict on a log of samples. What they are known to is the `premise` (`lattice`,
   `scatter`, `log_velocities`, `lost_rows`); a few rows prove much (`log_windows`), all together the
   rest (`log_joint`, `tube`, `tube_proof`);
-- `check_proof`: the kernel of all proofs of lower bounds, in exact fractions, of the standard library
-  only: a script too, which the site and the archive of records ship as it is.
+- `check_proof`: the kernel of all proofs of lower bounds, in exact fractions, with the standard
+  library alone; it is a script too, which the site and the archive of records ship as it is.
 """

@@ -183,21 +183,29 @@ def proof_of(stats: dict[str, Any]) -> dict[str, Any]:
         for name, table in stats.items()
         if name.startswith(prefix)
     }
-    if not tables:
-        return {}
+    return whole(tables) if tables else {}
+
+
+def whole(tables: dict[str, Any]) -> dict[str, Any]:
+    """Return a proof with all its tables; those that it need not have are empty.
+
+    Raises:
+        NoProof: A table is missing, or is not one of numbers with so many columns.
+    """
     for name in tables:
         if name not in TABLES:
             raise NoProof("a table", ", ".join(TABLES), name)
+    proof = {name: [] for name in OPTIONAL} | tables
     for name, columns in TABLES.items():
-        if name not in tables and name not in OPTIONAL:
+        if not isinstance(proof.get(name), list):
             raise NoProof(name, "a table of finite numbers")
-        for row in tables.setdefault(name, []):
+        for row in proof[name]:
             numbers = row if columns else [row]
             if not isinstance(numbers, list) or len(numbers) != max(columns, 1):
                 raise NoProof(name, f"rows of {max(columns, 1)}", shape(row))
             if not all(isinstance(x, Fraction) for x in numbers):
                 raise NoProof(name, "a table of finite numbers")
-    return tables
+    return proof
 
 
 # --- the problem ---
