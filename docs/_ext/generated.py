@@ -319,29 +319,32 @@ def hindrances(problem: Problem) -> list[str]:
 
 def open_page() -> None:
     """Write the page of the problems whose optimum is not proved, with what would close each."""
-    tried = stored_rows("open", "problem")
     rows = []
     for file in records.files():
         record = records.read(file)
         if record.closed:
             continue
         problem = record.problem
-        kinds = " ".join([*problem.limits.kinds, *problem.demands])
+        ends = (
+            "moving ends" if "_velocity" in name or "_acc" in name else name
+            for name in problem.demands
+        )
+        asked = [name for name in problem.limits.kinds if name not in ("velocity", "acceleration")]
+        asked += [name.replace("_", " ") for name in dict.fromkeys(ends)]
         rows.append(
             [
                 f"`{problem.name}`",
-                f"{problem.joints} × {len(problem.waypoints)}: {kinds}",
+                ", ".join([f"{problem.joints} × {len(problem.waypoints)}", *asked]),
                 f"{100 * record.proved_within:.3f}",
                 f"{record.lower_bound * (1 + records.CLOSED_WITHIN):.6g}",
                 f"{record.duration / (1 + records.CLOSED_WITHIN):.6g}",
-                f"{record.motion}; bound: {record.bound}",
-                tried.get(problem.name, {}).get("gap after 60 s, %", "–"),
+                ", ".join(str(origin).split(" ")[0] for origin in (record.motion, record.bound)),
                 "; ".join(hindrances(problem)) or "none is known",
             ]
         )
     rows.sort(key=lambda row: -float(row[2]))
-    head = ["problem", "joints × waypoints: what is asked", "gap, %", "a motion below, s"]
-    head += ["or a bound above, s", "recorded", "gap after 60 s of `prove`, %", "in the way"]
+    head = ["problem", "joints × waypoints, more asked", "gap, %", "a motion below, s"]
+    head += ["or a bound above, s", "motion, bound by", "in the way"]
     first = rows[0][0].strip("`")
     suite, _, _ = first.partition("-")
     text = f"""# Open problems
@@ -370,8 +373,9 @@ bound and needs no package.
 ## What was tried
 
 Motions: `exact` or `exact-jerk` and `ruckig-search` on all; on the mixes IPOPT from twelve guesses
-([which agrees](../questions/index.md) on all but these). Bounds: `prove`, a branch and bound over
-segment times ([how](../mathematics/bounds.md)), for 5 to 240 CPU s, and 60 s for the table.
+too, which found nothing shorter. Bounds: `prove`, a branch and bound over
+segment times ([how](../mathematics/bounds.md)), for 60 CPU s each, the walk for 240
+([which closed five others](../questions/index.md#what-is-proved-trajopt-best-known)).
 
 - *Boxes that overlap*: the motion may pass two waypoints at one instant. The proof leaves such
   waypoints out, or splits a segment's time near 0, where most of its inequalities say nothing.
@@ -518,11 +522,11 @@ def printed(*arguments: str) -> str:
 # --- planners ---
 
 
-def stored_rows(name: str, first: str = "planner") -> dict[str, dict[str, str]]:
+def stored_rows(name: str) -> dict[str, dict[str, str]]:
     """Return the rows of a table in `experiments/stored`, by what their first cell names."""
     file = ROOT / "experiments" / "stored" / f"{name}.csv"
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line[:2] != "# "]
-    return {row[first].strip("`"): row for row in csv.DictReader(lines)}
+    return {row["planner"].strip("`"): row for row in csv.DictReader(lines)}
 
 
 def meaning(name: str) -> str:
