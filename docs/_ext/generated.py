@@ -305,15 +305,15 @@ def hindrances(problem: Problem) -> list[str]:
         room = np.broadcast_to(room, problem.waypoints.shape)
         overlapping = (steps <= room[:-1] + room[1:]).all(axis=1)
         if overlapping.any():
-            found.append(f"boxes that overlap, {overlapping.sum()} of {len(steps)} segments")
+            found.append(f"boxes overlap: {overlapping.sum()} of {len(steps)}")
     sizes = (steps / steps.max(axis=0, initial=0, where=steps > 0)).max(axis=1)
     tiny = sizes < _TINY * sizes.max()
     if tiny.any():
-        found.append(f"tiny steps, {tiny.sum()} of {len(steps)}")
+        found.append(f"tiny steps: {tiny.sum()} of {len(steps)}")
     if "closed" in problem.demands:
-        found.append("free states at both ends, but equal")
+        found.append("free ends")
     if problem.limits.segments is not None and problem.has("jerk"):
-        found.append("jerk limits of segments")
+        found.append("jerk by segment")
     return found
 
 
@@ -338,7 +338,9 @@ def open_page() -> None:
                 f"{100 * record.proved_within:.3f}",
                 f"{record.lower_bound * (1 + records.CLOSED_WITHIN):.6g}",
                 f"{record.duration / (1 + records.CLOSED_WITHIN):.6g}",
-                ", ".join(str(origin).split(" ")[0] for origin in (record.motion, record.bound)),
+                ", ".join(
+                    re.split("[ :]", str(origin))[0] for origin in (record.motion, record.bound)
+                ),
                 "; ".join(hindrances(problem)) or "none is known",
             ]
         )
@@ -377,11 +379,12 @@ too, which found nothing shorter. Bounds: `prove`, a branch and bound over
 segment times ([how](../mathematics/bounds.md)), for 60 CPU s each, the walk for 240
 ([which closed five others](../questions/index.md#what-is-proved-trajopt-best-known)).
 
-- *Boxes that overlap*: the motion may pass two waypoints at one instant. The proof leaves such
+- *Boxes overlap*: the motion may pass two waypoints at one instant. The proof leaves such
   waypoints out, or splits a segment's time near 0, where most of its inequalities say nothing.
 - *Tiny steps*: the gap comes from the square tangents of tiny segments. No single one accounts for
   it, and a tree would have to split all at once.
-- *Free states*, *jerk limits of segments*: more variables to split; nothing closer is known.
+- *Free ends* of a closed motion, *jerk by segment*: more variables to split; nothing closer is
+  known.
 
 ## Submit
 
