@@ -194,8 +194,7 @@ def timed(
     before: tuple[_OnKnots, Array] | None = None
     last = np.inf
     for count in range(1, _MAX_GRIDS + 1):
-        start, barrier = _start(grid, before, unit)
-        x = grid.program.solve(start, 1e-2 * accuracy, barrier)
+        x = _solved(grid, before, unit, accuracy)
         motion, over, lost = grid.motion(x)
         worst = float(over.max())
         excess_time = float(over @ motion.lengths)
@@ -216,14 +215,38 @@ def timed(
     for _ in range(_TIGHTENED):
         if worst <= (_WITHIN if exactly else _SETTLED * accuracy):
             break
-        margin += _MARGIN * over
+        margin = 1 - (1 - margin) / (1 + _MARGIN * over)
         before = grid, x
-        grid = _OnKnots(path, limits, grid.knots, ends, unit, margin)
-        start, barrier = _start(grid, before, unit)
-        x = grid.program.solve(start, 1e-2 * accuracy, barrier)
+        tighter = _OnKnots(path, limits, grid.knots, ends, unit, margin)
+        try:
+            x = _solved(tighter, before, unit, accuracy)
+        except NoMotionError:
+            break  # the verifier slows down what was found
+        grid = tighter
         motion, over, _ = grid.motion(x)
         worst = float(over.max())
     return PathTiming(motion, worst, count, path, grid.program, unit)
+
+
+def _solved(
+    grid: _OnKnots, before: tuple[_OnKnots, Array] | None, unit: float, accuracy: float
+) -> Array:
+    """Return the program's answer, from near the last one, or else from a uniform speed.
+
+    Raises:
+        NoMotionError: The method does not converge from either.
+    """
+    program = grid.program
+    for former in (before, None):
+        start, barrier = _start(grid, former, unit)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            try:
+                x = program.solve(start, 1e-2 * accuracy, barrier)
+            except (np.linalg.LinAlgError, ValueError):
+                continue
+        if np.isfinite(x).all() and program.positive(x).min() > 0:
+            return x
+    raise NoMotionError("no timing of this path is found: the method does not converge")
 
 
 def _started(path: Path, limits: Limits, ends: Sequence[End]) -> tuple[Path, _OnKnots, float]:

@@ -9,9 +9,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from baselines.along.planner import Along
+from baselines.along.planner import Along, along
+from baselines.topp_ra import rules, spline
 from tests.kinds import TipSpeed, Torque
 from trajopt import Limits, Problem, Status, Trajectory, verify
+from trajopt.benchmark.suites.catalogue import problems
 from trajopt.core.limits import JointState, Quantity, Row, RowLimit
 from trajopt.planners.registry import load
 
@@ -218,3 +220,12 @@ def test_velocities_at_the_ends_under_jerk_limits():
     problem = Problem([[0, 0], [0.5, 0.2], [1, 0.4]], limits, **ends)
     solution = Along(knots="chord").solve(problem)
     assert verify(problem, solution.trajectory).feasible
+
+
+@pytest.mark.long
+def test_tiny_steps_have_a_timing_along_every_spline():
+    """Rows were tightened beyond their bounds, and the method did not converge."""
+    problem = {own.name: own for own in problems("random")}["random-tiny-j9-w6-jerk-01"]
+    for rule in rules():
+        solution = along(problem, spline(problem, *rule), 2e-2)
+        assert verify(problem, solution.trajectory).valid
