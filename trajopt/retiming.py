@@ -156,7 +156,7 @@ class Retiming:
     def bound(self) -> float | None:
         """A time, s, that no motion along the path falls below; None where none is known.
 
-        It is computed by a quadrature, some 0.1 % below the optimum, and not proved. Jerk limits
+        It is computed by a quadrature, some 0.2 % below the motion, and not proved. Jerk limits
         are left out of it.
         """
         path = self.motion if self.path is None else self.path
