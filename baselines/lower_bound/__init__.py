@@ -14,7 +14,7 @@ The bound on every trajectory, under every kind of limit:
 
 - `relaxation.py`: the variables, their box, and the rows of a box;
 - `costates.py`, `jerk_rows.py`: rows that hold in every box;
-- `dual_check.py`: the check of a proof, without a solver;
+- `dual_check.py`: a proof, and the bounds of its steps in floats; what it proves, the kernel says;
 - `extremal.py`, `separation.py`: the rows that a point violates;
 - `row_pool.py`: the linear program with the rows found so far;
 - `branching.py`: the search for a proof.

@@ -1,39 +1,34 @@
-"""A proof of a lower bound: a tree of boxes and multipliers, checked without a solver.
+"""A proof of a lower bound: a tree of boxes and multipliers; and the bounds of single steps.
 
 The relaxation has inequalities `A x ≤ b`. The multipliers `y ≥ 0` of a step bound an objective `c`:
 
     c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box of (c + Aᵀ y) x, less bᵀ y.
 
-This holds for any multipliers, so the check does not depend on the solver. The rounding of the
-arithmetic is bounded by the sizes of all terms and subtracted. That requires numbers of moderate
-size: other numbers are refused, and so is any overflow or underflow (docs/mathematics.md,
-section 5c).
+The search computes this in floats, less the rounding. What a finished proof proves, the kernel says
+(`trajopt.judging.check_proof`), in exact fractions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from baselines.lower_bound import costates, jerk_rows
-from baselines.lower_bound.apart import relaxed
+from baselines.lower_bound import costates
 from baselines.lower_bound.costates import Cut
-from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
 from baselines.lower_bound.relaxation import (
     ROUNDING_RTOL,
     ROW_ENTRIES,
     BoundConstraints,
     Relaxation,
     VariableBounds,
-    joined,
 )
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST
+from trajopt.judging import proved_bounds
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
@@ -42,9 +37,8 @@ BRANCH = 2
 LEAF = 3
 
 _PREFIX = "proof_"
-# Smallest and largest size of a proof's numbers that are not 0; found proofs need 2e-30 to 9e17.
+# Smallest size of a multiplier that is not 0; found proofs need 2e-30 to 9e17.
 SMALLEST = 2.0**-128
-LARGEST = 2.0**128
 # Rounding of an operation, relative; and extra operations for a row's own entries.
 _EPSILON = 2.0**-52
 _ENTRY_ROUNDINGS = 32
@@ -144,32 +138,8 @@ def _numbers(value: Any) -> Array:
         return np.array(np.nan)
 
 
-# Columns that hold counts or numbers of something.
-_WHOLE = {
-    "tangents": [0],
-    "cuts": [0, 1, 2],
-    "steps": [0, 1, 3],
-    "multipliers": [0],
-    "square_tangents": [0],
-    "ramps": [0, 1, 2],
-    "rates": [0],
-    "waypoints": slice(None),
-}
 # Tables that a proof may lack.
 _LATER = ("square_tangents", "ramps", "rates", "waypoints")
-
-
-class _ProofRows(NamedTuple):
-    """A proof's own rows: square tangents, which change with the box, and all others."""
-
-    squares: list[SquareTangent]
-    others: BoundConstraints
-
-    def with_box(self, relaxation: Relaxation, box: VariableBounds) -> BoundConstraints:
-        """Return all rows of a step, in the order in which multipliers count them."""
-        of_box = relaxation.box_rows(box)
-        squares = jerk_rows.square_rows(relaxation, self.squares, box)
-        return joined([of_box, squares, self.others])
 
 
 def proved_bound(problem: Problem, proof: BoundProof) -> float:
@@ -183,95 +153,7 @@ def proved_bound(problem: Problem, proof: BoundProof) -> float:
     Raises:
         InvalidInput: The proof is not one of this problem, or not in order.
     """
-    _check_numbers(proof)
-    try:
-        # without overflow or underflow an operation's error is half a unit in its last place
-        with np.errstate(all="raise"):
-            numbers = proof.waypoints.astype(np.intp) if proof.waypoints.size else None
-            through = relaxed(SIMPLEST.apply(problem), numbers)
-            relaxation = relaxation_of(RESTING_JOINTS.apply(through), proof)
-            rows = _proof_rows(relaxation, proof)
-            lowest = _walked(relaxation, rows, proof)
-    except ArithmeticError as error:
-        right = "numbers that neither overflow nor underflow"
-        raise InvalidInput("proof", right, value=str(error)) from error
-    # a unit is a power of two: nothing is rounded here
-    bound = min(lowest, relaxation.cutoff) * relaxation.time_unit
-    waits = float(relaxation.waits.sum())
-    return (bound + waits) * (1 - ROUNDING_RTOL) if waits else bound
-
-
-def _check_numbers(proof: BoundProof) -> None:
-    """Refuse numbers that are not of moderate size, and counts that are not whole."""
-    for name, table in vars(proof).items():
-        sizes = np.abs(table)
-        moderate = (sizes >= SMALLEST) & (sizes <= LARGEST)
-        _refuse(name, table, ~moderate & (table != 0), "0, or of a size from 2^-128 to 2^128")
-        whole = table[..., _WHOLE.get(name, [])]
-        _refuse(name, whole, whole != np.rint(whole), "whole, where something is counted")
-
-
-def _refuse(name: str, table: Array, wrong: Bools, right: str) -> None:
-    if wrong.any():
-        raise InvalidInput(f"proof {name}", f"numbers that are {right}", value=table[wrong][0])
-
-
-def relaxation_of(problem: Problem, proof: BoundProof) -> Relaxation:
-    """Return the relaxation that a proof is about."""
-    if proof.cutoff.shape != (1,) or not proof.cutoff[0] > 0:
-        raise InvalidInput("proof cutoff", "one positive number", value=proof.cutoff.tolist())
-    if not proof.units.size:
-        raise InvalidInput("proof units", "a time and lengths")
-    time_unit, *lengths = proof.units.tolist()
-    return Relaxation(problem, float(proof.cutoff[0]), time_unit, np.array(lengths))
-
-
-def _proof_rows(relaxation: Relaxation, proof: BoundProof) -> _ProofRows:
-    squares = []
-    for segment, at in proof.square_tangents.tolist():
-        _check_place(at)
-        number = _index(segment, relaxation.segments)
-        squares.append(SquareTangent(number, at))
-    parts = [relaxation.blank(0)]
-    for segment, at in proof.tangents.tolist():
-        _check_place(at)
-        number = _index(segment, relaxation.segments)
-        parts.append(relaxation.tangent(number, at))
-    for row in proof.ramps.tolist():
-        given = _ramp(relaxation, *row)
-        parts.append(jerk_rows.ramp_row(relaxation, given))
-    parts.append(_cuts(relaxation, proof))
-    return _ProofRows(squares, joined(parts))
-
-
-def _check_place(at: float) -> None:
-    if not at > 0:
-        raise InvalidInput("proof tangents", "places above 0", value=at)
-
-
-def _ramp(relaxation: Relaxation, segment: float, joint: float, side: float) -> Ramp:
-    ramp = Ramp(
-        _index(segment, relaxation.segments), _index(joint, relaxation.joints), _index(side, 2)
-    )
-    if not np.isfinite(relaxation.j[ramp.side, ramp.segment, ramp.joint]):
-        raise InvalidInput("proof ramps", "joints with a jerk limit on that side", value=joint)
-    return ramp
-
-
-def _cuts(relaxation: Relaxation, proof: BoundProof) -> BoundConstraints:
-    first = 0
-    given = []
-    cells = costates.with_rates(proof.cells)
-    for cell, rate in proof.rates.tolist():
-        cells[_index(cell, len(cells)), costates.RATE] = rate
-    for segment, joint, count in proof.cuts.tolist():
-        k = _index(segment, relaxation.segments)
-        j = _index(joint, relaxation.joints)
-        last = first + _index(count, len(proof.cells) - first + 1)
-        broken = Cut(k, j, cells[first:last])
-        given.append(broken)
-        first = last
-    return cuts(relaxation, given)
+    return proved_bounds.proved_bound(problem, vars(proof))
 
 
 def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> BoundConstraints:
@@ -369,42 +251,6 @@ def dual_bound(
     return bound if np.isfinite(bound) else -np.inf
 
 
-def _walked(relaxation: Relaxation, rows: _ProofRows, proof: BoundProof) -> float:
-    """Walk through the tree and return the lowest bound of its leaves."""
-    box = relaxation.root_box()
-    if is_empty(box):
-        raise InvalidInput("proof cutoff", "a time in which every segment can be passed")
-    pending = [box]
-    lowest = np.inf
-    first = 0
-    for kind, variable, value, count in proof.steps.tolist():
-        if not pending:
-            raise InvalidInput("proof steps", "no step after the last leaf")
-        box = pending.pop()
-        last = first + _index(count, len(proof.multipliers) - first + 1)
-        own = proof.multipliers[first:last]
-        first = last
-        if kind not in (RAISE, LOWER, BRANCH, LEAF):
-            raise InvalidInput("proof steps", "kinds from 0 to 3", value=kind)
-        if kind == BRANCH:
-            column = _branchable(relaxation, variable)
-            pending += reversed(branched(relaxation, box, column, value))
-        elif kind == LEAF:
-            bound = _step_bound(relaxation, rows, box, relaxation.total(), own)
-            lowest = min(lowest, bound)
-        else:
-            column = _branchable(relaxation, variable)
-            objective = np.zeros(relaxation.variables)
-            objective[column] = 1.0 if kind == RAISE else -1.0
-            bound = _step_bound(relaxation, rows, box, objective, own)
-            if value != 0:
-                bound = min(bound, objective[column] * value)
-            pending.append(moved(relaxation, box, column, kind == RAISE, bound))
-    if pending:
-        raise InvalidInput("proof steps", "a leaf at the end of every branch")
-    return lowest
-
-
 def branched(
     relaxation: Relaxation, box: VariableBounds, column: int, value: float
 ) -> tuple[VariableBounds, VariableBounds]:
@@ -439,32 +285,3 @@ def is_empty(box: VariableBounds) -> bool:
 def _completed(relaxation: Relaxation, box: VariableBounds) -> VariableBounds:
     """Complete a box unless it is empty."""
     return box if is_empty(box) else relaxation.completed(box)
-
-
-def _step_bound(
-    relaxation: Relaxation,
-    rows: _ProofRows,
-    box: VariableBounds,
-    objective: Array,
-    multipliers: Array,
-) -> float:
-    """Return the bound that a step's multipliers prove; infinity on an empty box."""
-    if is_empty(box):
-        return np.inf
-    every = rows.with_box(relaxation, box)
-    numbers = multipliers[:, 0]
-    wrong = (numbers < 0) | (numbers >= len(every.bounds))
-    _refuse("multipliers", numbers, wrong, "rows that exist, counted from 0")
-    used = every.chosen(numbers.astype(np.intp))
-    return dual_bound(objective, box, used, multipliers[:, 1])
-
-
-def _index(value: float, count: int) -> int:
-    """Return a whole number from 0 to below `count`, or refuse it."""
-    if not 0 <= value < count or value != int(value):
-        raise InvalidInput("proof", f"a whole number from 0 to {count - 1}", value=value)
-    return int(value)
-
-
-def _branchable(relaxation: Relaxation, variable: float) -> int:
-    return _index(variable, relaxation.nothing)

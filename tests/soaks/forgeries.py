@@ -2,7 +2,7 @@
 
     python tests/soak.py forgeries             # 585 forgeries, a few seconds
     python tests/soak.py forgeries --quick     # 59
-    python tests/soak.py forgeries --script    # a minute: check_proof.py is asked too
+    python tests/soak.py forgeries --script    # a minute: check_proof.py as a process too
 
 Each is an honest record whose proof was changed or replaced, such that an error of rounding, of
 units or of reading might accept it. Its file is sealed, as anyone could submit it. *Proved* is the

@@ -52,18 +52,15 @@ def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
 @pytest.mark.parametrize(
     ("name", "right"),
     [
-        ("a subnormal λ", r"units is .*: expected numbers that are 0, or of a size from 2\^-128"),
-        ("units of 2^560 s and 2^0 rad", r"of a size from 2\^-128 to 2\^128"),
-        ("λ = 1e300", r"cells is 1e\+300: expected numbers that are 0, or of a size"),
         (
             "multipliers that begin with 3.5 in column 0",
-            "multipliers is 3.5: expected numbers that are whole",
+            "multipliers is 3.5: expected a whole number from 0 to",
         ),
         (
             "multipliers that begin with 1e30 in column 0",
-            "expected numbers that are rows that exist",
+            r"multipliers is 1e\+30: expected a whole number from 0 to",
         ),
-        ("a kind of 0.5", "steps is 0.5: expected numbers that are whole"),
+        ("a kind of 0.5", "steps is 0.5: expected kinds from 0 to 3"),
         ("a kind of 7", "kinds from 0 to 3"),
         ("multipliers twice", "multipliers.* twice"),
     ],
@@ -193,8 +190,8 @@ def test_what_is_no_table_of_a_proof_is_refused(name, value):
 # --- arithmetic ---
 
 
-def test_limits_that_underflow_prove_nothing():
-    """`V ∫|λ|` is 0 in each cell, in units of 1 as well."""
+def test_limits_of_the_smallest_number_prove_no_more_than_is_true():
+    """In floats `V ∫|λ|` is 0 in each cell. The shortest motion takes 10 s and a ramp of 1 s."""
     least = 5e-324
     limits = Limits([least], [least])
     problem = Problem([[0.0], [10 * least]], limits)
@@ -210,8 +207,7 @@ def test_limits_that_underflow_prove_nothing():
         steps=np.array([[LEAF, 0.0, 0, 1]]),
         multipliers=np.array([[3.0, 2.0**127]]),
     )
-    with pytest.raises(InvalidInput, match="neither overflow nor underflow"):
-        proved_bound(problem, proof)
+    assert 0 < proved_bound(problem, proof) <= 11
 
 
 def test_bounds_in_closed_form_are_rounded_down():

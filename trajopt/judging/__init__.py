@@ -13,5 +13,6 @@ In reading order:
   `scatter`, `log_velocities`, `lost_rows`); a few rows prove much (`log_windows`), all together the
   rest (`log_joint`, `tube`, `tube_proof`);
 - `check_proof`: the kernel of all proofs of lower bounds, in exact fractions, with the standard
-  library alone; it is a script too, which the site and the archive of records ship as it is.
+  library alone; it is a script too, which the site and the archive of records ship as it is;
+- `proved_bounds`: the kernel, asked about a `Problem` and arrays.
 """

@@ -66,9 +66,10 @@ class NoProof(Exception):
     """The file proves nothing: the part that is wrong, what would be right, and the value."""
 
     def __init__(self, part: str, expected: str, value: object = None) -> None:
-        self.part, self.expected, self.value = part, expected, value
-        shown = float(value) if isinstance(value, Fraction) else value
-        super().__init__(f"{part}{'' if value is None else f' is {shown}'}: expected {expected}")
+        self.part, self.expected = part, expected
+        self.value = float(value) if isinstance(value, Fraction) else value
+        shown = "" if value is None else f" is {self.value}"
+        super().__init__(f"{part}{shown}: expected {expected}")
 
 
 # --- numbers ---

@@ -127,7 +127,7 @@ def test_a_proof_is_stored_and_read_back_with_its_rates():
     assert planner.stored_bound(problem, found.stats) == found.lower_bound
     # a proof with rates proves nothing of a problem without the limit
     free = problem.without("falling_velocity")
-    with pytest.raises(InvalidInput, match="no rate of λ"):
+    with pytest.raises(InvalidInput, match="no change of λ"):
         planner.stored_bound(free, found.stats)
     plain = prove(free, time_limit=HANG_S).proof.arrays()
     assert "proof_rates" not in plain

@@ -449,7 +449,7 @@ def test_a_proof_of_other_segments_or_joints_is_refused(proved, waypoints, joint
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("units", [0.3, 1.0]),
+        ("units", [0.0, 1.0]),
         ("cutoff", [-1.0]),
         ("cuts", [[0, 7, 1]]),
         ("steps", [[3, 0, 0, 10**6]]),

@@ -1,0 +1,54 @@
+"""Lower bounds that proofs prove: the kernel `check_proof` asked about a `Problem` and arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from math import inf, isfinite, nextafter
+from typing import Any
+
+from trajopt.core.arrays import Array
+from trajopt.core.demand import DEMANDS
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.judging import check_proof
+from trajopt.judging.check_proof import NoProof
+
+
+def proved_bound(problem: Problem, tables: Mapping[str, Array]) -> float:
+    """Return the lower bound that a proof proves, s, rounded down: no motion takes less.
+
+    Args:
+        problem: As the proof's author stated it, with every waypoint and joint.
+        tables: The proof's tables by their names (`check_proof.TABLES`).
+
+    Raises:
+        InvalidInput: The proof is damaged, or belongs to another problem.
+    """
+    try:
+        proof = check_proof.whole({name: exact(own.tolist()) for name, own in tables.items()})
+        return rounded_down(check_proof.proved(stated(problem), proof))
+    except NoProof as error:
+        key = f"proof {error.part}"
+        raise InvalidInput(key, error.expected, value=error.value) from error
+
+
+def stated(problem: Problem) -> dict[str, Any]:
+    """Return a problem's numbers as a file states them, in fractions; None is no limit."""
+    limits = {key: exact(kind.numbers.tolist()) for key, kind in problem.limits.kinds.items()}
+    demands = {key: exact(DEMANDS[key].table(numbers)) for key, numbers in problem.demands.items()}
+    numbers = {"waypoints": exact(problem.waypoints.tolist()), "limits": limits, **demands}
+    return {"digest": problem.digest(), **numbers}
+
+
+def exact(table: Any) -> Any:
+    """Return nested lists of floats as fractions; None for those that are not finite."""
+    if isinstance(table, list):
+        return [exact(row) for row in table]
+    return None if table is None or not isfinite(table) else Fraction(table)
+
+
+def rounded_down(x: Fraction) -> float:
+    """Return the largest float that is no larger."""
+    near = float(x)
+    return near if Fraction(near) <= x else nextafter(near, -inf)
