@@ -34,6 +34,7 @@ from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.limits import KINDS, Limits
 from trajopt.core.problem import Problem
+from trajopt.core.rounding import of_states
 from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -196,8 +197,7 @@ class Judgement(Execution):
         known = records.answer(self.problem)
         slower = self.certificate.motion
         own = slower or self.trajectory
-        timed = not self.ends_taken
-        return decomposition.explain(self.problem, None, own, known, timed=timed)
+        return decomposition.explain(self.problem, None, own, known)
 
     @cached_property
     def optimum_within(self) -> float | None:
@@ -387,13 +387,22 @@ def _passed(
 
 
 def _ends_by_little(strict: Judgement) -> dict[str, Array]:
-    """Return the velocities at the ends, if they are other ones than demanded by little."""
+    """Return the velocities at the ends, if they are other ones than demanded by little.
+
+    One that differs by rounding is the one that is demanded.
+    """
     limits = strict.problem.limits.in_all_segments()
-    own = states(strict.trajectory, limits)
-    velocities = {key: value for key, value in own.items() if key.endswith("velocity")}
+    rounding = of_states(strict.problem).velocity
     sizes = np.abs(limits.velocity).min(axis=1)
-    off = [value - _demanded(strict, key) for key, value in velocities.items()]
-    return velocities if (np.abs(off) <= LITTLE * sizes).all() else {}
+    velocities = {}
+    for key, value in states(strict.trajectory, limits).items():
+        if key.endswith("velocity"):
+            demanded = _demanded(strict, key)
+            off = np.abs(value - demanded)
+            if (off > LITTLE * sizes).any():
+                return {}
+            velocities[key] = np.where(off <= rounding, demanded, value)
+    return velocities
 
 
 def _demanded(strict: Judgement, key: str) -> Array:

@@ -55,6 +55,9 @@ def test_a_published_message_gets_a_gap(tmp_path, own):
     found = judge(through_its_points(own), sent(own, tmp_path)).best
     assert found.gap is not None
     assert not found.below_optimum
+    parts = found.explanation
+    assert (1 + parts.timing_gap) * (1 + parts.route_gap) == pytest.approx(1 + parts.gap, abs=1e-3)
+    assert min(parts.timing_gap, parts.route_gap) > -1e-6  # no path is faster than the optimum
     # All of it is as published; only MoveIt's time-optimal timing does not begin at rest.
     assert found.via_tolerance == 0
     first = np.abs(own["velocities"][0]).max()

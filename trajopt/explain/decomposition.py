@@ -126,8 +126,6 @@ def explain(
     planner: Planner | None,
     trajectory: Trajectory,
     recorded: ReferenceAnswer | None = None,
-    *,
-    timed: bool = True,
 ) -> Explanation:
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
@@ -137,8 +135,6 @@ def explain(
         trajectory: The planner's motion.
         recorded: The best known motion, as a reference's answer; its reason states its origin. It
             replaces the optimum if it is shorter than the references' answers.
-        timed: Whether its path is timed anew. Between moving ends that may take minutes for the
-            path of a sampled motion.
 
     Raises:
         TrajoptError: `trajectory` has no certified duration.
@@ -153,9 +149,7 @@ def explain(
     if recorded is not None and (recorded.duration or np.inf) < computed * (1 - _RECORDED_RTOL):
         optimum = recorded
         origin = recorded.reason
-    retimed = ReferenceAnswer(None, "its path is not timed anew")
-    if timed:
-        retimed = _retimed(problem, own)
+    retimed = _retimed(problem, own)
     gaps, notes = _gaps(problem, own, retimed, optimum)
     solver, savings_are_of = _solver(planner, problem, own)
     active = active_limits(problem, own, solver)
