@@ -4,7 +4,7 @@
     python -m experiments.literature --output docs    # the repository's own page
     python -m experiments.literature fang2020-task1   # some problems
 
-Every published problem is surveyed, and its times judged (mathematics.md, section 11). Written to
+Every published problem is surveyed, and its times judged (mathematics.md, section 8). Written to
 `--output`: `literature.md`, and in `literature/` the figure `all.png` and two tables, all verdicts
 (`verdicts.csv` and `.md`) and what is known of each problem, by which code (`known.csv` and `.md`).
 `tests/test_stored_numbers.py` compares the page with both.

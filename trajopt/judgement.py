@@ -290,7 +290,7 @@ def judge(
     window: float = DEFAULT_WINDOW_S,
     brake_first: bool = False,
 ) -> Judgement:
-    """Judge a motion against a problem (docs/mathematics.md, section 10).
+    """Judge a motion against a problem (docs/mathematics.md, section 11).
 
     A log, whose positions are not known well enough to determine its derivatives, gets the verdict
     of `trajopt.benchmark.logs` in the answer's `evidence`.

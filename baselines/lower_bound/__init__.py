@@ -1,4 +1,4 @@
-"""Proved lower bounds on the minimum time (docs/mathematics.md, sections 5 and 5b).
+"""Proved lower bounds on the minimum time (docs/mathematics.md, sections 7 and 7b).
 
     from baselines.lower_bound.bound import prove
     bound = prove(problem)

@@ -1,4 +1,4 @@
-"""Inequalities that follow from any three functions `p, q, λ` (docs/mathematics.md, section 5b).
+"""Inequalities that follow from any three functions `p, q, λ` (docs/mathematics.md, section 7b).
 
 In normalised time `τ`, over one segment and joint, `v' = α`, `α' = u` and `x' = v`, where
 `|u| ≤ J Q`, `|α| ≤ A T`, `|v| ≤ V` and `x` runs from 0 to `h S`. Integrating by parts, for

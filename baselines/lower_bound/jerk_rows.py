@@ -1,4 +1,4 @@
-"""Inequalities for jerk limits, beside those of costates (docs/mathematics.md, section 5b).
+"""Inequalities for jerk limits, beside those of costates (docs/mathematics.md, section 7b).
 
 A square tangent bounds `Q = T²` from above by `T` and `S = 1/T`. At its point the bound is exact.
 It depends on the longest time of the box. A ramp is the inequality of the costate `p = 1` divided

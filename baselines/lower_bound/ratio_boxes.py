@@ -1,4 +1,4 @@
-"""The best 3-5-3 spline with shared times, by branching on its two ratios (mathematics, section 5).
+"""The best 3-5-3 spline with shared times, by branching on its two ratios (mathematics, section 7).
 
 With `r1 = t2/t1` and `r3 = t2/t3` every derivative of the quintic, times a power of `t2`, is a sum
 of `1, r1, r3, r1², r3²` at each normalised instant. The cubics' jerk is one of `r1³, r3³`. The

@@ -1,4 +1,4 @@
-"""The relaxation behind the lower bound, with every limit (docs/mathematics.md, section 5b).
+"""The relaxation behind the lower bound, with every limit (docs/mathematics.md, section 7b).
 
 A segment of duration `T` is described in normalised time, with velocity `v`, scaled acceleration
 `α = a T` and scaled jerk `j T²`. The inequalities of a segment are linear in `T`, `S = 1/T`,

@@ -53,7 +53,7 @@ def bang_bang(step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
 
 @pytest.mark.parametrize("step", [0.1, 0.02, 0.004])
 def test_sampling_does_not_lower_the_overshoot_of_quintics(step):
-    """Mathematics, section 10: 1.2 to 1.75 times the limit, whatever the step."""
+    """Mathematics, section 11: 1.2 to 1.75 times the limit, whatever the step."""
     t, q, v, a = bang_bang(step)
     limits = Limits([10.0], [1.0])
     problem = Problem([[0.0], [1.0]], limits)

@@ -104,7 +104,7 @@ def test_an_excess_beside_a_limit_gains_less_than_rounding(side):
 
 
 def test_the_worked_example():
-    """docs/mathematics/verification.md, section 7: one miss, and one jump of velocity."""
+    """docs/mathematics/verification.md, section 9: one miss, and one jump of velocity."""
     straight = Problem([[0.0], [1.0]], Limits([9.0], [99.0]))
     curve = np.polynomial.Polynomial([0.0, 0.0, 3.0, -2.0])
     x = np.polynomial.Polynomial([1.0, -1.0]) / 0.75  # 1 at the break, 0 at the end

@@ -1,4 +1,4 @@
-"""Do the relations of docs/mathematics.md, section 8, hold on thousands of random problems?
+"""Do the relations of docs/mathematics.md, section 10, hold on thousands of random problems?
 
     python tests/soak.py relations                   # 2000 problems, half an hour on a core
     python tests/soak.py relations --quick           # 20 problems

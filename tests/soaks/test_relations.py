@@ -1,4 +1,4 @@
-"""The relations of mathematics.md, section 8, on random problems.
+"""The relations of mathematics.md, section 10, on random problems.
 
 The same relations run on hundreds of problems in `tests/soaks/relations.py`.
 """

@@ -1,7 +1,7 @@
 """The polynomials between samples, as a robot's controller runs them.
 
 A robot does not execute a planner's function. Its controller interpolates the points that it was
-sent (docs/mathematics.md, section 10). `joint_trajectory_controller` of ros2_control joins them
+sent (docs/mathematics.md, section 11). `joint_trajectory_controller` of ros2_control joins them
 with straight lines, with cubic Hermite pieces where the points have velocities, and with quintic
 ones where they have accelerations too. These are polynomials, so the executed motion is known
 exactly.

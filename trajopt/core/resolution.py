@@ -1,4 +1,4 @@
-"""Waypoints that a motion may miss by their rounding (docs/mathematics.md, section 7).
+"""Waypoints that a motion may miss by their rounding (docs/mathematics.md, section 9).
 
 A motion passes a waypoint between two brief steps at speed. A shift of this waypoint by its
 rounding (`Problem.rounding`) can then need more acceleration and jerk than the limits allow. So the

@@ -270,7 +270,7 @@ class Trajectory:
         interpolation: Interpolation = "auto",
         waypoint_times: ArrayLike | None = None,
     ) -> Trajectory:
-        """The motion that a controller runs between samples (docs/mathematics.md, section 10).
+        """The motion that a controller runs between samples (docs/mathematics.md, section 11).
 
         Nothing is smoothed: each piece is the polynomial that the interpolation names, through all
         samples. The motion starts at time 0, whatever the first sample's time.

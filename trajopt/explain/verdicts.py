@@ -1,4 +1,4 @@
-"""Judge a published time, a claim without a trajectory (docs/mathematics.md, section 11).
+"""Judge a published time, a claim without a trajectory (docs/mathematics.md, section 8).
 
 known = survey(problem, families=["3-5-3"])
 judgement = judge(claim, known)

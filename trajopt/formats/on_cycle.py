@@ -3,7 +3,7 @@
 A controller joins the points that it is sent with cubic pieces (positions and velocities) or
 quintic ones (accelerations too). Between two breaks on the cycle, a cubic piece reproduces a motion
 of constant acceleration exactly, and a quintic piece one of constant jerk (docs/mathematics.md,
-section 10). With samples between breaks it does not: bang-bang motions overshoot then.
+section 11). With samples between breaks it does not: bang-bang motions overshoot then.
 
 Therefore the breaks are moved to the nearest cycle, so that breaks close to each other become one.
 The motion between them is found again, joint by joint (`trajopt.judging.joint_program`). If there

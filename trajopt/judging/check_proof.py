@@ -47,7 +47,7 @@ TABLES = {  # of a proof, with their columns; 0: a list
 OPTIONAL = ("square_tangents", "ramps", "rates", "waypoints")
 PLACES = 2**128  # roots and quotients are multiples of 1/PLACES
 ROUNDING_RTOL = Fraction(1, 2**48)  # of a coordinate, relative to its joint's largest
-# docs/mathematics/verification.md, (7.1): steps so short that rounding decides their direction
+# docs/mathematics/verification.md, (9.1): steps so short that rounding decides their direction
 SHORT_STEP = 60 * 10**5
 IN_LINE_RTOL = Fraction(1, 100)
 MIN_UNIT_SHARE = Fraction(1, 1000)  # of the longest step: what a joint's steps are measured in
@@ -361,7 +361,7 @@ def distinct_waypoints(problem: ExactProblem) -> list[int]:
 
 
 def resolved_waypoints(problem: ExactProblem) -> list[int]:
-    """Return the waypoints but for those between two short steps in one line, see (7.1).
+    """Return the waypoints but for those between two short steps in one line, see (9.1).
 
     Rounding may miss them. Where the limits change at one, it stays.
     """
@@ -712,7 +712,7 @@ class ExactRelaxation:
     # --- rows of a box ---
 
     def box_row(self, i: int, box: ExactBox) -> Row | None:
-        """Return row i of a box: the cut-off, then (5.8), (5.9), the same for y/T, instants.
+        """Return row i of a box: the cut-off, then (7.8), (7.9), the same for y/T, instants.
 
         None where it bounds nothing because a segment may take no time.
         """
@@ -739,7 +739,7 @@ class ExactRelaxation:
         return 1 + 2 * segments + 8 * pairs + len(self.instants)
 
     def acceleration_product(self, i: int, box: ExactBox) -> Row:
-        """Return row i of all a T, (5.9)."""
+        """Return row i of all a T, (7.9)."""
         is_after, i = divmod(i, 4 * len(self.products))
         (k, j), corner = self.products[i // 4], i % 4
         state = k * len(self.problem.joints) + j
@@ -749,7 +749,7 @@ class ExactRelaxation:
         return corner_row(corner, product, x, x_sides, t, t_sides)
 
     def offset_product(self, i: int, box: ExactBox) -> Row | None:
-        """Return row i of all y/T: (5.9) with y for a and 1/T for T."""
+        """Return row i of all y/T: (7.9) with y for a and 1/T for T."""
         is_after, i = divmod(i, 4 * len(self.offsets))
         (k, j), corner = self.offsets[i // 4], i % 4
         state = k * len(self.problem.joints) + j
@@ -772,7 +772,7 @@ class ExactRelaxation:
         return row, -sign * self.ways[k][j]
 
     def square_tangent(self, k: int, t: Fraction, box: ExactBox) -> Row:
-        """Return (5.10), from (h − T) (T − t)² ≥ 0."""
+        """Return (7.10), from (h − T) (T − t)² ≥ 0."""
         h = box.high[k]
         row = {self.at.square + k: ONE, k: -h - 2 * t, self.at.inverse + k: -h * t**2}
         return row, -2 * h * t - t**2
@@ -780,11 +780,11 @@ class ExactRelaxation:
     # --- rows of all boxes ---
 
     def tangent(self, k: int, t: Fraction) -> Row:
-        """Return the tangent to 1/T at t, times t², (5.8)."""
+        """Return the tangent to 1/T at t, times t², (7.8)."""
         return {k: -ONE, self.at.inverse + k: -(t**2)}, -2 * t
 
     def ramp(self, k: int, j: int, side: int) -> Row:
-        """Return a₁ − a₀ ≤ J T, (5.11)."""
+        """Return a₁ − a₀ ≤ J T, (7.11)."""
         jerk = self.problem.jerk[k][j][side]
         if jerk is None:
             raise NoProof("ramps", "joints with a jerk limit on that side", j)
@@ -803,7 +803,7 @@ class ExactRelaxation:
         return row, bound
 
     def costates(self, k: int, j: int, cells: Sequence[Cell]) -> Row:
-        """Return the row of any functions p, q and λ, (5.7).
+        """Return the row of any functions p, q and λ, (7.7).
 
         λ h is at most what changes of p cost in acceleration, of q in velocity, of λ in position,
         and what p' + q costs in acceleration, q' + λ in velocity, p in jerk.
@@ -831,7 +831,7 @@ class ExactRelaxation:
             turn = (cell.q[1] + cell.slope, cell.rate, ZERO)
             side = cell.rate > 0
             if cell.rate and self.has_tangent(k, j, side, turn[0]):
-                # (5.7b): velocity and position are bounded together
+                # (7.7b): velocity and position are bounded together
                 fall, start, rate = self.fall(j), abs(turn[0]), abs(cell.rate)
                 last = start + rate * width
                 squares = width * (start**2 + start * last + last**2) * THIRD
@@ -850,7 +850,7 @@ class ExactRelaxation:
         return row, bound + self.add_end_states(row, k, j, *ends)
 
     def has_tangent(self, k: int, j: int, side: int, start: Fraction) -> bool:
-        """Return whether (5.7a) bounds a joint where λ grows, with q' + λ of the same sign."""
+        """Return whether (7.7a) bounds a joint where λ grows, with q' + λ of the same sign."""
         same_sign = start >= 0 if side else start <= 0
         return (
             self.problem.falling[j] is not None
@@ -1092,7 +1092,7 @@ class ProofRows:
     def bound(
         self, objective: dict[int, Fraction], box: ExactBox, multipliers: list[Numbers]
     ) -> Fraction:
-        """Return a lower bound of an objective on a box, (5.12): any multipliers y ≥ 0 give one.
+        """Return a lower bound of an objective on a box, (7.12): any multipliers y ≥ 0 give one.
 
         A row with a variable that nothing bounds counts with the multiplier 0.
         """

@@ -10,7 +10,7 @@ unless others are given), and every limit.
 
 At the breaks the states themselves are bounded. Inside a piece the Bernstein coefficients of
 position and velocity are bounded, since the polynomial stays between them (docs/mathematics.md,
-section 10). A falling velocity limit is a parabola of position and velocity. It is replaced by its
+section 11). A falling velocity limit is a parabola of position and velocity. It is replaced by its
 chord between the positions of the planned motion at both ends of the piece. The chord is inside the
 limit as long as the motion stays close to the planned one.
 """

@@ -1,4 +1,4 @@
-"""The exact repair of a trajectory (docs/mathematics.md, section 7).
+"""The exact repair of a trajectory (docs/mathematics.md, section 9).
 
 The repaired motion passes every waypoint, begins and ends in the states that are asked (by default
 at rest), does not jump, and stays within its position limits. The limits then judge the repaired
@@ -19,7 +19,7 @@ the segment's end. All corrections of one joint in one segment of duration `L` a
 
     Σ_m growing_m σ^m + Σ_m dying_m (1 − σ)^m,    m = r + 1 … 2r + 1,    σ = (t − t_{k−1}) / L.
 
-Here `r` is the highest derivative that may not jump: 1, or 2 where jerk is limited. Section 7 has a
+Here `r` is the highest derivative that may not jump: 1, or 2 where jerk is limited. Section 9 has a
 worked example.
 
 Two exceptions keep a repair cheap where times are tiny. A waypoint that may be missed by its

@@ -4,7 +4,7 @@ A dilation changes the velocities at the ends. So where a route begins or ends i
 that breaks a limit is slowed down in another way. Its times are multiplied by `k`, and each segment
 is cut into more pieces. For every joint a linear program (`judging.joint_program`) then looks for a
 motion on these breaks that passes the waypoints, has the end states, and keeps every limit. The
-answer is the motion of the least such `k` that is found (docs/mathematics.md, section 7).
+answer is the motion of the least such `k` that is found (docs/mathematics.md, section 9).
 """
 
 from __future__ import annotations

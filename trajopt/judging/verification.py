@@ -1,6 +1,6 @@
 """The exact judge: true peaks from polynomial roots, every miss, and the certified duration.
 
-Nothing is sampled (docs/mathematics.md, sections 2 and 7). A trajectory whose misses and jumps are
+Nothing is sampled (docs/mathematics.md, sections 2 and 9). A trajectory whose misses and jumps are
 within tolerance is repaired exactly, and the repaired one is judged. Every limit of the problem
 computes its own worst use (`trajopt.core.limits`); this module names no kind of limit.
 """

@@ -31,7 +31,7 @@ def stop_times(problem: Problem) -> Array:
 
 
 def end_to_end_bound(problem: Problem) -> float:
-    """Return a lower bound on the duration in closed form, s (docs/mathematics.md, section 11).
+    """Return a lower bound on the duration in closed form, s (docs/mathematics.md, section 8).
 
     It is the larger of two relaxations. The first one, for motions from rest to rest, is every
     joint alone, straight from the first to the last waypoint; with two waypoints and symmetric jerk

@@ -36,7 +36,7 @@ class SwarmPlanner(Planner):
     """The 3-5-3 spline, its segment times searched by a swarm.
 
     - `timing`: one `(t1, t2, t3)` for all joints, or one for every moving joint
-      (docs/mathematics.md, section 9). In the latter case the answer takes each segment's longest
+      (docs/mathematics.md, section 3). In the latter case the answer takes each segment's longest
       time over the joints. That is its claim, and it may break limits;
     - `fitness`: `penalty` ranks candidates within the limits by duration; candidates that break
       limits come after them, ranked by their summed relative violation (Deb's rule). `scaled`

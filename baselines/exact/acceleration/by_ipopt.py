@@ -1,9 +1,9 @@
-"""Section 3's program as it is printed, by CasADi and IPOPT: a check of `exact.acceleration`.
+"""Section 4's program as it is printed, by CasADi and IPOPT: a check of `exact.acceleration`.
 
 Variables are the segment times, the waypoint velocities and both peaks. `exact.acceleration.cells`
 has other variables: logarithms of times, and velocities counted from each segment's mean. IPOPT
 meets its inequalities to a tolerance only, so the caller dilates the answer until it is exactly
-reachable. Section 4's program is in `exact.jerk.by_ipopt`.
+reachable. Section 5's program is in `exact.jerk.by_ipopt`.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _solver(segments: int, joints: int) -> Program:
     w = ca.vertcat(inner, outer[1, :])
 
     def rows(p: Any, u: Any, w: Any, h: Any, a1: Any, a2: Any) -> list[Any]:
-        # (3.2): D(p) is at least h, and both ramps fit into the time.
+        # (4.2): D(p) is at least h, and both ramps fit into the time.
         first = (p - u) ** 2 / (2 * a2)
         last = (p - w) ** 2 / (2 * a1)
         fits = a1 * a2 * t + a1 * u + a2 * w - (a1 + a2) * p
@@ -94,7 +94,7 @@ def _solver(segments: int, joints: int) -> Program:
         variables=[times, inner, upper, lower],
         parameters=[h, *limits, outer],
         objective=ca.sum1(times),
-        # (3.3) is its mirror image, with the peak counted downwards.
+        # (4.3) is its mirror image, with the peak counted downwards.
         constraints=[*rows(upper, u, w, h, a1, a2), *rows(lower, -u, -w, -h, a2, a1)],
         options=OPTIONS,
     )

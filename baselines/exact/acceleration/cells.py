@@ -1,7 +1,7 @@
 """The unknowns of the program of `exact.acceleration`, cell by cell.
 
 A cell is one segment of one joint. Its unknowns are both end velocities and both peaks, counted
-from the segment's mean velocity in units of its time (mathematics, section 3). The other unknowns
+from the segment's mean velocity in units of its time (mathematics, section 4). The other unknowns
 are the logarithms of the segment times, and the waypoint velocities. The inequalities of a cell
 depend on one segment time and two waypoint velocities only.
 

@@ -2,7 +2,7 @@
 
 A joint begins at the velocity `v0` and cannot stop before the next waypoint: `v0² > 2 A h`. It can
 pass this waypoint before `(v0 − √(v0² − 2 A h)) / A` or after `(v0 + √(v0² − 2 A h)) / A`, but not
-in between (mathematics, section 3). A descent rarely crosses such a gap. So there is an initial
+in between (mathematics, section 4). A descent rarely crosses such a gap. So there is an initial
 guess in every interval of time between the gaps of all joints. The first segment has such
 intervals, and each next one as long as the joints have had no time to stop. Backwards from the last
 segment it is the same. The guesses are all combinations of these intervals.

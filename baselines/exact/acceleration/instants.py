@@ -109,7 +109,7 @@ def _moved(point: Point, step: Point, factor: float, limits: Array) -> Point:
 
 
 def _rows(scaled: Scaled, times: Array, velocities: Array) -> _CellRows:
-    """Return the inequalities of section 3 in every cell."""
+    """Return the inequalities of section 4 in every cell."""
     ends = with_outer(velocities, scaled.end_v, scaled.closed)
     u, w, t, h = ends[:-1], ends[1:], times[:, None], scaled.h
     v, a = (np.broadcast_to(own, (2, *h.shape)) for own in (scaled.v, scaled.a))

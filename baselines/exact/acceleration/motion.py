@@ -1,4 +1,4 @@
-"""The motion through given waypoint velocities without a jerk limit (mathematics, section 3).
+"""The motion through given waypoint velocities without a jerk limit (mathematics, section 4).
 
 In each segment each joint takes the profile of least acceleration: two ramps and a cruise at most.
 If that leaves the joint's position limits, it takes the profile with the least overshoot. All

@@ -48,7 +48,7 @@ class AccelerationInequalities:
     Where limits differ from segment to segment there is a third one, `passing`: the slack of the
     velocity at a cell's end below the tighter limit of both segments there. Its derivatives by `s`
     and that end's `x` are `passing_s` and `passing_x`. With the same limits in all segments it is
-    not needed (mathematics, section 3).
+    not needed (mathematics, section 4).
 
     Attributes:
         values: slacks, negative where an inequality is violated,

@@ -1,4 +1,4 @@
-"""The exact minimum time with velocity and acceleration limits (mathematics, section 3).
+"""The exact minimum time with velocity and acceleration limits (mathematics, section 4).
 
 Nothing is discretised. A joint passes a segment of time `T` with the end velocities `u` and `w`.
 The displacements that the limits allow then fill an interval `[D_lo, D_up]`. At its ends the joint

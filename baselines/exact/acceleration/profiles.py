@@ -1,4 +1,4 @@
-"""The extreme profiles of one joint without a jerk limit (mathematics, section 3).
+"""The extreme profiles of one joint without a jerk limit (mathematics, section 4).
 
 Between two velocities, which motion of time `t` covers most displacement, and which least? Both
 speed up or brake to a peak, cruise, and go on to the other velocity at full acceleration. What lies
@@ -25,7 +25,7 @@ class Extremes(NamedTuple):
 
 
 def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> Extremes:
-    """Return the profiles of most and of least displacement (mathematics, section 3).
+    """Return the profiles of most and of least displacement (mathematics, section 4).
 
     Meaningful where `|w − u|` is within the acceleration limits. All arguments broadcast.
 
@@ -79,7 +79,7 @@ class Ramps(NamedTuple):
 
 
 def gentlest(u: Array, w: Array, t: Array, h: Array, v: Array, a: Array) -> Ramps:
-    """Return the profile of least acceleration that covers a displacement (mathematics, section 3).
+    """Return the profile of least acceleration that covers a displacement (mathematics, section 4).
 
     It is the extreme profile under `s` times the acceleration limits, with the least `s` possible:
     two ramps, with a cruise between them if the velocity limit requires one. All arguments

@@ -1,4 +1,4 @@
-"""The program (4.5) of the mathematics, by CasADi and IPOPT: a check of `exact.jerk`.
+"""The program (5.5) of the mathematics, by CasADi and IPOPT: a check of `exact.jerk`.
 
 Variables are the segment times, the waypoint states, and for both sides of each cell the levels and
 holding times of a motion. `exact.jerk.profiles` has the extreme motions in closed form. Here IPOPT

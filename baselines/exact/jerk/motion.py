@@ -1,4 +1,4 @@
-"""The jerk-limited motion through the waypoint states of an optimum (mathematics, section 4).
+"""The jerk-limited motion through the waypoint states of an optimum (mathematics, section 5).
 
 1. *States.* The barrier of the interior point keeps away from waypoint states at which a phase
    vanishes, so short phases remain there. They are removed first: an acceleration that is close to

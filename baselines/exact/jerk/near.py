@@ -1,4 +1,4 @@
-"""The jerk-limited program with waypoints within a tolerance (mathematics, section 4).
+"""The jerk-limited program with waypoints within a tolerance (mathematics, section 5).
 
 The offsets `p` of the inner waypoints from their nominal positions are unknowns, and `|p| ≤ r`.
 A cell's displacement grows by the offset `p'` at its end less the one `p` at its start. So its

@@ -1,4 +1,4 @@
-"""The exact minimum time with velocity, acceleration and jerk limits (mathematics, section 4).
+"""The exact minimum time with velocity, acceleration and jerk limits (mathematics, section 5).
 
 Nothing is discretised. A joint goes from one state (velocity, acceleration) to another in the time
 `T` of a segment. The displacements that the limits allow then fill an interval `[D_lo, D_up]`.

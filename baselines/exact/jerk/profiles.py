@@ -1,4 +1,4 @@
-"""Compute the extreme profiles under a jerk limit in closed form (mathematics, section 4).
+"""Compute the extreme profiles under a jerk limit in closed form (mathematics, section 5).
 
 Between two states (velocity, acceleration), which profile covers most displacement in a given time?
 It has seven phases, with the jerk `+ 0 − 0 − 0 +`:
@@ -12,16 +12,16 @@ A rise from `(u, a)` with the inverse jerks `r2` upwards and `r1` downwards take
 time velocity and jerk keep their signs, and acceleration changes its own. So the fall to `(w, −b)`
 is a rise from `(w, b)`, and both ends are one table, on an axis of two.
 
-Rise and fall fill the time (4.2) and meet at one peak velocity (4.3): two equations for the levels
+Rise and fall fill the time (5.2) and meet at one peak velocity (5.3): two equations for the levels
 and the holds. `_filling` solves them, `_to_velocity_limit` replaces a peak above the velocity limit
 by a cruise. A level below 0 is no exception: its ramp to 0 takes negative time.
 
 Units and frame: a cell counts time in its own `T` and velocities from its mean velocity `h/T`. So
 `T` is 1 and the displacement is 0. The formulas continue smoothly where a first ramp would take
 negative time. There the states are out of reach, and the most displacement is below the least.
-Without a jerk limit (`r = 0`) ramps take no time, which is section 3.
+Without a jerk limit (`r = 0`) ramps take no time, which is section 4.
 
-A worked example is in docs/mathematics/exact.md, section 4.
+A worked example is in docs/mathematics/exact.md, section 5.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class _Filling(NamedTuple):
         alone: where this end is held at its acceleration limit and the other one is not held.
         both: where both are held, `(2 sides, …)`.
         offset: mean acceleration of the two end states, as each end sees it.
-        budget: `S` of (4.2), the time for levels and holds, `(2 sides, …)`.
+        budget: `S` of (5.2), the time for levels and holds, `(2 sides, …)`.
         lead: `±Δ/S`, by which an end's level is above half of both.
         sum_of_levels: `p1 + p2` where this end is held alone, counted from the offsets.
     """
@@ -109,7 +109,7 @@ class _Filling(NamedTuple):
 
 
 def _filling(velocity: Array, acceleration: Array, limits: SegmentLimits) -> _Filling:
-    """Solve (4.2) and (4.3) for the levels and the holds."""
+    """Solve (5.2) and (5.3) for the levels and the holds."""
     steepest, _, up, down, *_ = limits
     c = up + down
     jerky = c > 0
@@ -140,7 +140,7 @@ def _filling(velocity: Array, acceleration: Array, limits: SegmentLimits) -> _Fi
     both = ~(none | alone.any(axis=0))
     level = np.where(alone[::-1], sum_of_levels[::-1] - other_limit, free)
     level = np.where(alone | both, limit, level) + offset
-    # Both held: (4.2) and (4.3) are linear in d1 and d2.
+    # Both held: (5.2) and (5.3) are linear in d1 and d2.
     together = steepest.sum(axis=0)
     spare = budget - c * together
     squares = other_limit**2 - limit**2
@@ -265,7 +265,7 @@ class ExtremeProfiles:
     def slopes(self) -> Slopes:
         """Return the first and second derivatives of the displacement by a cell's variables.
 
-        The first ones are the costates of (4.4), with `m` the middle between the two jerks.
+        The first ones are the costates of (5.4), with `m` the middle between the two jerks.
         """
         _, top, up, down, steep, _ = self.limits
         cruises = self._to_limit.cruises

@@ -1,7 +1,7 @@
 """Problems with tiny steps: solved without the waypoints that a motion may miss by rounding.
 
 Such a waypoint lies between two short steps in one line (`trajopt.core.resolution`; mathematics,
-section 7). Without these waypoints the problem is a relaxation. If its motion passes all of them
+section 9). Without these waypoints the problem is a relaxation. If its motion passes all of them
 within the rounding of coordinates, it is the answer to the whole problem. Otherwise, between each
 two remaining waypoints, the one that is missed most is put back, and the problem is solved again.
 """

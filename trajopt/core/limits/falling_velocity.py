@@ -46,7 +46,7 @@ class FallingVelocity(FieldsLimit):
 
     The use is the velocity over the allowed velocity at that position. A dilation by `k` divides it
     by `k`, since positions stay as they are. Where no velocity is allowed the use is infinite, and
-    no dilation helps (docs/mathematics.md, section 7).
+    no dilation helps (docs/mathematics.md, section 9).
 
     Attributes:
         numbers: `o` in rad/s, `d` in rad/s², `low` and `high` in rad (m for a prismatic joint),

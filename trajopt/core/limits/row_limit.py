@@ -33,7 +33,7 @@ class RowLimit(FieldsLimit):
 
     The use of a row is its value over its bound, or the root of it (`power`). The worst use is
     found by bounds of the rows over intervals of time, which are halved where the worst one may be
-    (docs/mathematics.md, section 7).
+    (docs/mathematics.md, section 9).
 
     Attributes:
         degree: dilating by `k` divides the use by `k ** degree`. None: they change in another

@@ -100,7 +100,7 @@ def test_a_segment_that_takes_less_time_than_can_be_stored_is_flown_by() -> None
 
 @pytest.mark.parametrize("seed", range(20))
 def test_ruckig_from_its_waypoint_velocities_returns_its_segment_times(seed: int) -> None:
-    """Mathematics, section 8: velocities divided by 1 + 1e-6 keep rounding off a longer branch."""
+    """Mathematics, section 10: velocities divided by 1 + 1e-6 keep rounding off a longer branch."""
     problem = random_problem(seed)
     times = solved(problem).waypoint_times
     velocities = solved(problem)(times, order=1) / (1 + 1e-6)
@@ -127,7 +127,7 @@ def test_collocation_tends_to_it_from_above(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["six-axis", "seven-waypoints", "asymmetric", "resting-joint"])
 def test_topp_ra_along_its_own_path_returns_its_duration(name: str) -> None:
-    """Mathematics, section 8, limits relaxed by 1e-6."""
+    """Mathematics, section 10, limits relaxed by 1e-6."""
     problem = load(name)
     trajectory = solved(load(name))
     wider = Problem(

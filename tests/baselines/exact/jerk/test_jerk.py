@@ -113,7 +113,7 @@ def test_two_waypoints_equal_ruckig(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [1, 3, 6, 7, 8])
 def test_ruckig_from_its_waypoint_states_returns_its_segment_times(seed: int) -> None:
-    """Mathematics, section 8: states divided by 1 + 1e-6 keep rounding off a longer branch."""
+    """Mathematics, section 10: states divided by 1 + 1e-6 keep rounding off a longer branch."""
     problem = drawn(seed)
     trajectory = solved(problem)
     times = trajectory.waypoint_times

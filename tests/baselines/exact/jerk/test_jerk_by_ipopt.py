@@ -1,4 +1,4 @@
-"""IPOPT on section 4's program: closed forms, Ruckig, and the optimum by the other method."""
+"""IPOPT on section 5's program: closed forms, Ruckig, and the optimum by the other method."""
 
 from __future__ import annotations
 

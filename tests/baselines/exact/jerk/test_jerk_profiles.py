@@ -180,7 +180,7 @@ def test_the_worked_example(
     cruise: float,
     displacement: float,
 ) -> None:
-    """docs/mathematics/exact.md, section 4: from rest to rest in 1 s, jerk limits of 32 rad/s³."""
+    """docs/mathematics/exact.md, section 5: from rest to rest in 1 s, jerk limits of 32 rad/s³."""
     jerk = side(1 / 32)
     limits = SegmentLimits(
         both(side(acceleration), side(acceleration)), side(velocity), jerk, jerk, side(0.0)
