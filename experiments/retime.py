@@ -10,7 +10,8 @@ splines beside the best known motion of each problem of two suites.
 - grids: `along` and TOPP-RA at 1000, 4000 gridpoints over TOPP-RA at 16,000, minus 1;
 - bound: the bound along the path over `along`, minus 1;
 - copp: `along` over COPP on the same path, with jerk limits (needs `copp-py`), minus 1;
-- uniform: `along` over the uniform dilation of a quintic law, with jerk limits, minus 1;
+- uniform: `along` over the uniform dilation of a quintic law, with jerk limits, minus 1; and over
+  the proved bound of all motions through the waypoints, along any path;
 - relations: the path reversed, the time in other units, another parameter, over the path itself;
 - stops: `ruckig-stop` retimed over itself, minus 1; and the dilation of all answers.
 
@@ -44,6 +45,7 @@ GRIDS = (1000, 4000, 16000)
 ACCURACIES = (1e-3, 1e-4)
 SUITES = ("robots", "random")
 UNIT = 7.3  # s, of another clock
+PROOF_S = 5
 KEY = ["question", "number"]
 
 
@@ -118,6 +120,8 @@ def jerk(number: int) -> Iterator[dict[str, Any]]:
         "over the uniform dilation of a quintic law", duration / judged(problem, quintic)[0] - 1
     )
     yield row("bound without jerk", (Along().bound(problem, path) or np.nan) / duration - 1)
+    proved = load(f"prove:time_limit={PROOF_S}").solve(problem).stats["lower_bound"]
+    yield row("over the proved bound of any path", duration / float(proved) - 1)
     if find_spec("copp_py") is not None:
         import copp_py
 
