@@ -52,8 +52,8 @@ KINDS = {
     "nearly straight": (500, 1e-6),
     "two waypoints": (1000, 1e-9),
     "one way": (200, 1e-9),
-    "suites": (78, 1e-6),
-    "suites without jerk limits": (104, 1e-6),
+    "suites": (84, 1e-6),
+    "suites without jerk limits": (124, 1e-6),
 }
 PROOF_GAP = 5e-7  # relative
 PROOF_S = 120.0
