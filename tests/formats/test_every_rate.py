@@ -231,12 +231,17 @@ joint_names = ["j"]
 waypoints = [[0], [1], [-1]]
 units = {waypoints = "rad", limits = "rad"}
 """
+FRAME = "origins = [[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]], axes = [[0, 0, 1]], slides = [0]"
 OF_KIND = {  # what a table of limits says, and another value
     **dict.fromkeys(("velocity", "acceleration", "jerk"), ("[2.0]", "[1.0]")),
     "position": ("[[-3, 3]]", "[[-2, 2]]"),
     "falling_velocity": (
         "{offset = [0.1], deceleration = [2.0], position = [[-3, 3]]}",
         "{offset = [0.1], deceleration = [1.0], position = [[-3, 3]]}",
+    ),
+    "tool_speed": (
+        f"{{speed = 0.5, {FRAME}, tool = [0.3, 0, 0]}}",
+        f"{{speed = 0.4, {FRAME}, tool = [0.3, 0, 0]}}",
     ),
 }
 
