@@ -194,7 +194,13 @@ def timed(
     before: tuple[_OnKnots, Array] | None = None
     last = np.inf
     for count in range(1, _MAX_GRIDS + 1):
-        x = _solved(grid, before, unit, accuracy)
+        try:
+            x = _solved(grid, before, unit, accuracy)
+        except NoMotionError:
+            if before is None:
+                raise
+            grid, x = before  # the answer on coarser knots stands
+            break
         motion, over, lost = grid.motion(x)
         worst = float(over.max())
         excess_time = float(over @ motion.lengths)
@@ -244,8 +250,9 @@ def _solved(
                 x = program.solve(start, 1e-2 * accuracy, barrier)
             except (np.linalg.LinAlgError, ValueError):
                 continue
-        if np.isfinite(x).all() and program.positive(x).min() > 0:
-            return x
+            # positive at all nodes of the quadratures, also of the one of the times
+            if program.positive(x).min() > 0 and np.isfinite(program.times(x)).all():
+                return x
     raise NoMotionError("no timing of this path is found: the method does not converge")
 
 

@@ -13,6 +13,7 @@ from baselines.along.planner import Along, along
 from baselines.topp_ra import rules, spline
 from tests.kinds import TipSpeed, Torque
 from trajopt import Limits, Problem, Status, Trajectory, verify
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites.catalogue import problems
 from trajopt.core.limits import KINDS, JointState, Quantity, Row, RowLimit
 from trajopt.planners.registry import load
@@ -233,3 +234,12 @@ def test_tiny_steps_have_a_timing_along_every_spline():
     for rule in rules():
         solution = along(problem, spline(problem, *rule), 2e-2)
         assert verify(problem, solution.trajectory).valid
+
+
+def test_a_time_that_is_no_number_is_no_answer():
+    """The squared speed was positive where it is asked for, and negative in between."""
+    (problem,) = (own for own in problems("random") if own.name == "random-huge-j2-w3-jerk-10")
+    solution = Along(knots="limit", ends="not-a-knot", accuracy=0.02).solve(problem)
+    certified = verify(problem, solution.trajectory).certified_duration
+    known = records.find(problem).duration
+    assert known < certified < 1.02 * known
