@@ -14,7 +14,10 @@ import pytest
 from trajopt.benchmark.commit import commit
 
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "trajopt", "baselines", "data/literature")
+SOURCES = (
+    *("pyproject.toml", "README.md", "LICENSE", "trajopt", "baselines", "data/literature"),
+    "docs/examples/best-known",
+)
 WRITES = "import trajopt.benchmark.provenance as p; print(p.__file__, p.provenance()['commit'])"
 CACHES = shutil.ignore_patterns("__pycache__")
 
