@@ -22,6 +22,7 @@ import numpy as np
 from baselines.along.law import Law
 from baselines.along.path import Path
 from trajopt.core.arrays import Array
+from trajopt.core.trajectory import nearest
 
 POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Where rows hold, as shares of an interval."""
@@ -390,7 +391,7 @@ def _joins(path: Path, knots: Array) -> Array:
     found = np.zeros(len(knots) - 1)
     if path.bends.any():
         at = path.sigma(path.curve.breaks[1:-1])
-        found[np.abs(knots[1:, None] - at).argmin(axis=0)] = path.bends
+        found[nearest(knots[1:], at)] = path.bends
     return found
 
 
