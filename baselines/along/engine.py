@@ -31,9 +31,9 @@ _MAX_GRIDS = 9
 _SETTLED = 0.35
 # Where the motion is looked at between two knots, as shares of time.
 _LOOKS = np.linspace(0.0, 1.0, 17)
-# Of the uniform speed, to start from.
+# The method starts at this share of the uniform speed,
 _START_SHARE = 0.7
-# Of the last answer, to start from on the next knots; and its products of slacks and multipliers.
+# on later knots at this share of the last answer, with these products of slacks and multipliers.
 _WARM_SHARE, _WARM_BARRIER = 0.95, 1e-2
 # The intervals that have this share of all lost time are cut.
 _CUT_SHARE = 0.9
@@ -45,9 +45,9 @@ _HALVINGS = 50
 # How often limits are tightened where the motion exceeds them, by how much of the excess (which is
 # of time: of a limit of jerk it is a third), and what counts as none.
 _TIGHTENED, _MARGIN, _WITHIN = 5, 3.2, 1e-9
-# And how far every bound is then kept away from, for what is between the points that are looked at.
+# The distance that is then kept from every bound, for what happens between those points.
 _EVERYWHERE = 2e-6
-# Coefficients that are nothing, relative to the joint's positions.
+# Coefficients smaller than this, relative to the joint's positions, are left out.
 _NOTHING_RTOL = 1e-25
 # Knots that are closer, relative to the path, are one.
 _APART_RTOL = 1e-9

@@ -258,7 +258,7 @@ def _stops(path: Trajectory, speeds: Array, accelerations: Array, *, jerk: bool)
             if not jerk:  # at rest for an instant, on both sides with any acceleration
                 yield Stop(at, "")
         elif still[k]:
-            yield Stop(at, "it stops")
+            yield Stop(at, "the path itself stops")
         elif turned[k]:
             yield Stop(at, "its direction jumps")
         elif bent[k]:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -99,7 +101,10 @@ class Along(Planner):
         if problem.route.at_rest and all(own.trajectory is None for own in found.values()):
             straight = along(problem, _straight(problem), self.accuracy)
             why = next(iter(found.values())).message
-            message = f"along straight lines, with stops; along a spline: {why}"
+            lines = "along straight lines, with stops"
+            if straight.trajectory is None:
+                lines = f"along straight lines: {straight.message}"
+            message = f"{lines}; along a spline: {why}"
             return replace(straight, message=message, stats={"spline": "none", **straight.stats})
         return best_of(problem, found)
 
@@ -205,9 +210,12 @@ def stopping(path: Trajectory, stops: Sequence[Stop]) -> str:
     """Say where a path has to stop, and why; nothing where it has not."""
     if not stops:
         return ""
-    said = [f"{stop.why} {_place(path, stop.at)}" for stop in stops[:_SHOWN_STOPS]]
-    more = len(stops) - len(said)
-    rest = f", and {more} more" if more else ""
+    said = []
+    for why, alike in groupby(stops[:_SHOWN_STOPS], attrgetter("why")):
+        places = " and ".join(_place(path, stop.at) for stop in alike)
+        said.append(f"{why} {places}")
+    more = len(stops) - _SHOWN_STOPS
+    rest = f", and {more} more" if more > 0 else ""
     return f"the motion stops where the path cannot be passed: {', '.join(said)}{rest}"
 
 

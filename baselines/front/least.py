@@ -25,6 +25,7 @@ from baselines.front.spline_program import (
 )
 from baselines.ipopt import flat, unflat
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.demand import END_STATES
 from trajopt.core.dwell import between
 from trajopt.core.problem import Problem
 from trajopt.core.route import State
@@ -58,8 +59,6 @@ _PROBES = np.array([0.25, 0.75])
 _FREE_SHARE = 1e-3
 # A dilation that leaves the duration as it is, relative.
 _SAME_RTOL = 1e-9
-# What may be asked at the ends of a motion that is smoothed.
-_END_STATES = {f"{end}_{rate}" for end in ("start", "end") for rate in ("velocity", "acceleration")}
 
 
 class NodeSpline(NamedTuple):
@@ -170,7 +169,7 @@ def smoothed(problem: Problem, motion: Trajectory) -> Trajectory:
         motion: Through the waypoints, within the limits.
     """
     limits = problem.limits
-    if set(problem.demands) - _END_STATES or limits.others or limits.segments is not None:
+    if set(problem.demands).difference(END_STATES) or limits.others or limits.segments is not None:
         return motion
     times = np.diff(motion.waypoint_times)
     if not (times > _SHORTEST_SHARE * times.mean()).all():
@@ -178,10 +177,9 @@ def smoothed(problem: Problem, motion: Trajectory) -> Trajectory:
     motion = motion.refined(motion.waypoint_times)
     joints = []
     for joint, free in enumerate(_free_segments(problem, motion).T):
-        alone = problem.only([joint]) if free.any() else problem
         own = replace(motion, coefficients=motion.coefficients[..., [joint]])
         for first, last in _runs(free):
-            own = _smoother(alone, own, first, last)
+            own = _smoother(problem.only([joint]), own, first, last)
         joints.append((own.breaks, own.coefficients[:, :, 0]))
     return Trajectory.joined(joints, motion.waypoint_times)
 
@@ -195,7 +193,7 @@ def _free_segments(problem: Problem, motion: Trajectory) -> Bools:
             for joint, uses in limit.along(motion, times.ravel()).items():
                 use[joint] = np.maximum(use[joint], np.abs(uses).reshape(times.shape))
     free = (use.min(axis=2) < _AT_LIMIT) * np.diff(motion.breaks)
-    first = np.searchsorted(motion.breaks, motion.waypoint_times[:-1])
+    first = nearest(motion.breaks, motion.waypoint_times[:-1])
     spent = np.add.reduceat(free, first, axis=1).T
     return (spent > _FREE_SHARE * np.diff(motion.waypoint_times)[:, None]) & problem.moving
 

@@ -115,7 +115,7 @@ def test_under_jerk_limits_a_gap_is_timing_times_path() -> None:
     found = explained(problem_of("jerk-limit"), RuckigStop())
     assert found.timing_gap == approx(0, abs=1e-6)
     assert (1 + found.timing_gap) * (1 + found.route_gap) == approx(1 + found.gap)
-    assert "it stops at waypoint 2" in found.notes["timing"]
+    assert "the path itself stops at waypoint 2" in found.notes["timing"]
 
 
 def test_a_dilated_or_segmentwise_spline_is_still_of_the_family() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from soaks import moving_ends
 from trajopt import Limits, Problem, Trajectory, verify
+from trajopt.judging.joint_program import JointProgram
 from trajopt.judging.repair import repaired
 from trajopt.judging.verification import certified
 
@@ -114,3 +115,14 @@ def test_cheats_in_small():
     rows = moving_ends.rows(9)
     assert (rows["certified %"] > -100 * moving_ends.CERTIFIED_BELOW).all()
     assert (rows["claimed %"] < 0).any()
+
+
+def test_no_slower_motion_is_looked_for_where_none_can_begin(monkeypatch):
+    """It begins beyond the velocity limit: no linear program is asked."""
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [2.0]), start_velocity=[1.3])
+    # 1.3 rad/s down to 0 in a constant deceleration of 0.845 rad/s²
+    motion = Trajectory([0.0, 2 / 1.3], [[[-0.4225]], [[1.3]], [[0.0]]], [0.0, 2 / 1.3])
+    monkeypatch.setattr(JointProgram, "solved", lambda _: pytest.fail("a program is solved"))
+    found = verify(problem, motion)
+    assert not found.valid
+    assert found.certified_duration is None

@@ -88,8 +88,7 @@ def plan(
         force: Overwrite the file of --out.
         out_anyway: Write the motion even if it breaks a limit at any speed.
         smoothest: Of all motions with its waypoint times take the smoothest, joint by joint. By
-            default so in pictures and in samples of every cycle, where no planner is named and
-            no braking comes first.
+            default so in pictures and in samples of every cycle, where no planner is named.
         points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
@@ -110,8 +109,7 @@ def plan(
             with closing(Supervised(planner, planned, timeout=timeout)) as chosen:
                 (trial,) = chosen.trials(planned, [seed])
         if smoothest is None:
-            named = planner is not None or braking is not None
-            smoothest = not named and target is not None and _shows(target, planned)
+            smoothest = planner is None and target is not None and _shows(target, planned)
         if smoothest:
             tell("the joints that do not decide are smoothed")
             trial = _smoothest(trial)

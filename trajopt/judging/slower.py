@@ -18,6 +18,7 @@ import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.end_states import impossible
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared
 from trajopt.core.trajectory import Trajectory, nearest
@@ -51,6 +52,8 @@ def slower(
         trajectory: A motion that breaks a limit.
         kept: Returns the repaired motion if it keeps the whole problem, else None.
     """
+    if impossible(problem) is not None:  # no motion keeps the limits with these states at its ends
+        return None
     for distance in DISTANCES:
         search = _Search.of(problem, trajectory, distance)
         found = search.least(kept) if search else None

@@ -159,7 +159,7 @@ def test_a_motion_that_stops_is_itself():
     problem = Problem([[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]], limits)
     own = load("ruckig-stop").solve(problem).trajectory
     solution = Along().along(problem, own)
-    assert "it stops at waypoint 2, it stops at waypoint 3" in solution.message
+    assert "the path itself stops at waypoint 2 and at waypoint 3" in solution.message
     found = verify(problem, solution.trajectory).certified_duration
     assert found == pytest.approx(own.duration, rel=1e-6)
 
