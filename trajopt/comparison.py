@@ -13,9 +13,9 @@ process is a recorded trial, and the run goes on.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -43,6 +43,17 @@ TIMEOUT = 600.0  # s, of a trial
 Contestant = str | Planner | tuple[str, object] | object
 
 
+@contextmanager
+def _kept() -> Iterator[None]:
+    """Have an interruption say that what is finished is kept."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.add_note("finished trials are kept, run the same command to go on")
+        raise
+
+
+@_kept()
 def compare(
     problems: Sequence[Problem | str | Path] | Problem | str | Path,
     planners: Sequence[Contestant] | str | Planner,

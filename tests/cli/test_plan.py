@@ -477,3 +477,28 @@ def test_the_smoothest_motion_takes_as_long(run, tmp_path):
     before, after = (own["smoothness"]["jerk_integral"] for own in (plain, smooth))
     assert after < before
     assert smooth["status"] == "solved"
+
+
+def test_samples_of_every_cycle_are_of_the_smoothest_motion_unless_it_is_not_asked_for(run):
+    """The first joint needs 2 s, the second has time: of least jerk it is the quintic, whose way
+    after a fourth of the time is 10/4³ − 15/4⁴ + 6/4⁵ of the whole; at one acceleration 2/4²."""
+    Path("slack.toml").write_text(
+        'waypoints = [[0, 0], [1, 0.1]]\nangle_unit = "rad"\n'
+        "[limits]\nvelocity = [2, 2]\nacceleration = [1, 1]\n"
+    )
+    quintic = 0.1 * (10 / 4**3 - 15 / 4**4 + 6 / 4**5)
+    for flags, way in (("", quintic), ("--no-smoothest", 0.1 * 2 / 4**2)):
+        assert run(f"plan slack.toml --out m.csv --force {flags}")[0] == 0
+        table = np.loadtxt("m.csv", delimiter=",", skiprows=1)
+        at = np.interp(table[-1, 0] / 4, table[:, 0], table[:, 2])
+        assert at == pytest.approx(way, rel=0.02)
+
+
+def test_an_interrupted_plan_keeps_nothing_and_does_not_say_so(run, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("trajopt.cli.plan.best", interrupted)
+    code, _, err = run("plan six-axis")
+    assert code == 130
+    assert err.split() == ["trajopt:", "stopped"]

@@ -124,9 +124,9 @@ def main(arguments: list[str] | None = None) -> None:
     except (TrajoptError, cyclopts.CycloptsError, OSError) as error:
         console.show_held(_words(error))
         sys.exit(2)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         print(file=sys.stderr)
-        console.note("stopped; finished trials are kept, run the same command to go on")
+        console.note("; ".join(["stopped", *getattr(stop, "__notes__", ())]))
         sys.exit(STOPPED)
     sys.exit(code)
 

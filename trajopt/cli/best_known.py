@@ -20,7 +20,8 @@ from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console, examples, kinds
-from trajopt.cli.parameters import InterpolationName, Json
+from trajopt.cli.parameters import Force, InterpolationName, Json
+from trajopt.cli.plan import check_target
 from trajopt.cli.verify import report
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.numerals import rounded_down
@@ -136,14 +137,16 @@ def propose(
 
 
 @app.command(name="archive")
-def archive_(archive: Path, /, *, registry: Registry = None) -> int:
+def archive_(archive: Path, /, *, registry: Registry = None, force: Force = False) -> int:
     """Write one archive of problems, motions and proofs, which is checked without this package.
 
     The same records give the same bytes.
 
     Args:
         archive: Its name; ends in .zip.
+        force: Overwrite it.
     """
+    check_target(archive, force=force, key="ARCHIVE")
     count = archive_of_records.write(archive, _folder(registry))
     digest = hashlib.sha256(archive.read_bytes()).hexdigest()
     console.line(f"written: {archive}")

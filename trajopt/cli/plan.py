@@ -73,7 +73,7 @@ def plan(
             name="--as", help="A ROS message, or a FollowJointTrajectory goal.", group=WRITING
         ),
     ] = "message",
-    smoothest: bool | None = None,
+    smoothest: Annotated[bool | None, Parameter(negative="--no-smoothest")] = None,
     timeout: Timeout = 600.0,
     json: Json = False,
 ) -> int:
