@@ -118,14 +118,21 @@ class Path:
         return found
 
     def sigma(self, s: Array) -> Array:
-        """Return `σ` where the path's parameter is `s`."""
-        low, high = np.zeros_like(s), np.full_like(s, self.length)
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            below = self.s(middle)[0] < s
-            low, high = np.where(below, middle, low), np.where(below, high, middle)
-        inside = np.where(s <= 0, 0.0, (low + high) / 2)
-        return np.where(s >= self.curve.duration, self.length, inside)
+        """Return `σ` where the path's parameter is `s`: shifted between the zones."""
+        start, end = self.zones
+        found = np.clip(s + (1 - self._share) * start, 0.0, self.length)
+        zone = (s < self._share * start) | (s > self.curve.duration - self._share * end)
+        zone &= (s > 0) & (s < self.curve.duration)
+        if zone.any():
+            low, high = np.zeros(zone.sum()), np.full(zone.sum(), self.length)
+            for _ in range(_BISECTIONS):
+                middle = (low + high) / 2
+                below = self.s(middle)[0] < s[zone]
+                low, high = np.where(below, middle, low), np.where(below, high, middle)
+            found[zone] = (low + high) / 2
+        found[s <= 0] = 0.0
+        found[s >= self.curve.duration] = self.length
+        return found
 
     def pieces_at(self, sigma: Array) -> Indices:
         """Return the piece at each `σ`; at a break the one that it begins."""
