@@ -480,13 +480,17 @@ def now() -> str:
 
 def copied(problem: Problem) -> Problem:
     """Return a copy of the problem with its own read-only arrays."""
-    copy = deepcopy(problem)
-    arrays = [copy.waypoints]
-    arrays += [own.numbers for own in copy.limits.kinds.values()]
-    arrays += copy.limits.by_name().values()
+    return frozen(deepcopy(problem))
+
+
+def frozen(problem: Problem) -> Problem:
+    """Return the problem, whose arrays can then only be read: a copy, or one from a pickle."""
+    arrays = [problem.waypoints]
+    arrays += [own.numbers for own in problem.limits.kinds.values()]
+    arrays += problem.limits.by_name().values()
     for array in arrays:
         array.setflags(write=False)
-    return copy
+    return problem
 
 
 def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certificate | None]:

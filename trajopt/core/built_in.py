@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 
+@cache
 def data_folder() -> Path:
     """The folder of the data files: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
@@ -19,6 +20,7 @@ def listed() -> Path:
     return data_folder() / "listed.json"
 
 
+@cache
 def is_installed() -> bool:
     """Return whether the package was installed from a wheel; False in a checkout."""
     return (Path(__file__).resolve().parents[1] / "data").is_dir()

@@ -12,6 +12,7 @@ motion, so acceleration also jumps where a motion starts with full acceleration.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -169,11 +170,17 @@ def of_certified(
 def squared_integral(trajectory: Trajectory, order: int) -> Array:
     """Return ∫ derivative² dt, `(joints,)`, by Gauss's rule, which is exact for polynomials."""
     unit_pieces = trajectory.pieces(order)
-    nodes, shares = np.polynomial.legendre.leggauss(len(unit_pieces))
+    nodes, shares = _gauss(len(unit_pieces))
     values = polynomials.evaluate(unit_pieces[:, None], (0.5 * (1 + nodes))[:, None, None])
     means = np.tensordot(0.5 * shares, values**2, axes=1)
     total = trajectory.lengths @ means
     return np.where(np.isnan(total), np.inf, total)
+
+
+@cache
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Return the nodes and weights of Gauss's rule on [-1, 1]."""
+    return np.polynomial.legendre.leggauss(count)
 
 
 def _jump(problem: Problem, trajectory: Trajectory, order: int) -> Jump | None:

@@ -16,6 +16,7 @@ import socket
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, NoReturn
@@ -145,11 +146,18 @@ def _served(
         return JudgeError(WorkerError(traceback.format_exc()))
 
 
-def judge_here(request: Request, answers: Answers, started: str) -> list[Written]:
-    """Verify answers in this process and store the trials."""
-    limits = request.allowed.as_dict()
-    trials = judged(request.entrant, request.problem, request.seeds, answers, started, limits)
-    return request.store.write_all(trials, instead=_lost)
+def judge_here(
+    requests: Sequence[Request], every: Sequence[Answers], started: str
+) -> list[Written]:
+    """Verify the answers to some requests in this process, and store the trials together."""
+    trials = [
+        trial
+        for own, answers in zip(requests, every, strict=True)
+        for trial in judged(
+            own.entrant, own.problem, own.seeds, answers, started, own.allowed.as_dict()
+        )
+    ]
+    return requests[0].store.write_all(trials, instead=_lost)
 
 
 def record(request: Request, status: Status, message: str) -> list[Written]:
@@ -284,16 +292,24 @@ class _Bench:
             message = _with_output(f"{wrong}: {error}"[:_TAIL_BYTES], printed)
             return record(request, Status.CRASHED, message)
         timed = replace(answers, loading_time=loading_time, wall_time=wall_time)
-        return self._judged(request, timed, started, printed)
+        return self._judged([request], [timed], started, printed)
 
     def _judged(
-        self, request: Request, answers: Answers, started: str, printed: str
+        self, requests: Sequence[Request], every: Sequence[Answers], started: str, printed: str
     ) -> list[Written]:
-        solutions = [_explained(solution, printed) for solution in answers.solutions]
+        explained = [
+            replace(own, solutions=[_explained(one, printed) for one in own.solutions])
+            for own in every
+        ]
         try:
-            return judge_here(request, replace(answers, solutions=solutions), started)
+            return judge_here(requests, explained, started)
         except MemoryError:
-            return record(request, Status.CRASHED, _NO_MEMORY_TO_VERIFY)
+            if len(requests) == 1:
+                return record(requests[0], Status.CRASHED, _NO_MEMORY_TO_VERIFY)
+        found = []
+        for request, own in zip(requests, every, strict=True):
+            found += self._judged([request], [own], started, printed)
+        return found
 
     def serve_together(self, together: Requests) -> list[Written]:
         """Ask the planner for all answers at once; where it gives none, for one after the other.
@@ -315,11 +331,11 @@ class _Bench:
             if isinstance(reply, Ending):
                 self._clear()
             return [written for own in requests for written in self.serve(own)]
-        found = []
-        for request, own in zip(requests, every, strict=True):
-            timed = Answers(own.solutions, own.relation, loading_time, wall_time, len(requests))
-            found += self._judged(request, timed, started, printed)
-        return found
+        timed = [
+            Answers(own.solutions, own.relation, loading_time, wall_time, len(requests))
+            for own in every
+        ]
+        return self._judged(requests, timed, started, printed)
 
     def _timed(
         self, request: Request, question: solver.Solve | solver.SolveMany

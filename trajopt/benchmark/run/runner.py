@@ -94,7 +94,7 @@ def here(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[F
             plain = answer.unpacked(answer.packed(answers), len(task.seeds))
             timed = replace(answers, solutions=plain.solutions, relation=plain.relation)
             request = _request(task, b"", store, allowed)
-            yield Finished(task, judge_here(request, timed, started))
+            yield Finished(task, judge_here([request], [timed], started))
 
 
 def _answers(group: Sequence[Task]) -> Iterator[Answers]:

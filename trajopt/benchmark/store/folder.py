@@ -24,7 +24,7 @@ from trajopt.benchmark.store.document import Malformed, UnknownKind
 from trajopt.benchmark.store.layout import Key, References, Table
 from trajopt.benchmark.store.results_file import Stored, StoredRow, Version
 from trajopt.benchmark.store.trial_text import WrongSchema
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import Trial, frozen
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
 from trajopt.core.harmless import harmless
@@ -143,8 +143,8 @@ class Store:
                 kept = instead(trial)
                 text, stated = trial_text.written(kept)
             path = self.path(kept.id, unanswered=kept.runs_again)
-            row = _row(verdicts.with_motion(stated, kept.certificate), text)
-            made[path] = text, stated, row
+            stated = verdicts.with_motion(stated, kept.certificate)
+            made[path] = text, stated, _row(stated, text)
         atomic.write_all({path: text for path, (text, *_) in made.items()})
         for path in made:
             if not _is_unanswered(path):
@@ -352,7 +352,7 @@ class Seen:
                 continue
             key, _ = row
             if key not in self._problems:  # one object, however many trials it has
-                self._problems[key] = trial_text.problem(found.text)
+                self._problems[key] = frozen(trial.problem)
             self.keep(found, replace(trial, problem=self._problems[key]), row)
 
     def keep(self, found: Found, trial: Trial | None, row: tuple[Key, Table] | None = None) -> None:
@@ -414,7 +414,8 @@ def _arranged(
     telling = []
     for key, own in results_file.by_problem(entries.values()).items():
         first = texts[own[0].id]
-        problems[key] = trial_text.problem(first)
+        known = trials.get(own[0].id)
+        problems[key] = known.problem if known else trial_text.problem(first)
         if references is None:
             continue
         chosen = [entry.id for entry in own if entry.planner in _TELLING]

@@ -56,6 +56,9 @@ COLUMNS = (Field("problem", "line", "", "group in /problems"), *_OWN, *ADDED_FIE
 """The columns of `/trials`, in the order of tables for people."""
 
 MOTIONS = ("certified", "claimed")
+GROUPS = ("uses", *MOTIONS, "history")
+"""The groups of a problem's tables."""
+
 RAGGED = {"breaks": 0, "lengths": 0, "coefficients": 1, "evaluations": 0, "duration": 0}
 """The axis of the knots or evaluations that a group's `count` counts."""
 
@@ -211,7 +214,7 @@ class Rows:
     """Rows of several tables of one problem, in a chosen order.
 
     Args:
-        parts: Rows in memory, or groups of an open file.
+        parts: Rows in memory, or those of an open file.
         rows: A part and a row of it, for each row.
     """
 
@@ -229,13 +232,13 @@ class Rows:
 
     def column(self, group: str, name: str) -> Column:
         """Return a column of these rows; coefficients of lower order get leading zeros."""
-        ragged = name in RAGGED and "count" in self._parts[0][group]
+        ragged = name in RAGGED and group in (*MOTIONS, "history")
         axis = RAGGED[name] if ragged else 0
         arrays: dict[int, Column] = {}
         slices = []
         for part, begin, end in self._runs:
             if part not in arrays:
-                arrays[part] = self._parts[part][group][name][()]
+                arrays[part] = self._parts[part][group][name]
             if ragged:
                 ends = self._ends_of(group)[part]
                 begin, end = ends[begin], ends[end]
@@ -248,7 +251,7 @@ class Rows:
     def _ends_of(self, group: str) -> list[Column]:
         """Return where the rows of a ragged group end, by part; the first is 0."""
         if group not in self._ends:
-            counts = [part[group]["count"][()] for part in self._parts]
+            counts = [part[group]["count"] for part in self._parts]
             self._ends[group] = [np.append(0, np.cumsum(count)) for count in counts]
         return self._ends[group]
 

@@ -34,6 +34,7 @@ import numpy as np
 from trajopt.benchmark.store import layout
 from trajopt.benchmark.store.document import Malformed, pack
 from trajopt.benchmark.store.fields import DTYPES, PROVENANCE
+from trajopt.benchmark.store.hdf5 import Columns, Writer
 from trajopt.benchmark.store.layout import COLUMNS, MEANINGS, MOTIONS, BestMotion, Key, Rows
 from trajopt.benchmark.store.trial_text import MAX_BYTES, WrongSchema, stated_id
 from trajopt.benchmark.trial import code_in
@@ -147,21 +148,27 @@ def content(stored: Stored, judge: str) -> bytes:
         rows = {key: _tables(own) for key, own in by_problem(stored.entries).items()}
         names = layout.groups(rows)
         file.create_group("problems")
-        _write_trials(file, rows, stored.best, names)
+        writer = Writer()
+        _write_trials(writer, file.id, rows, stored.best, names)
         for key, own in rows.items():
             problem = stored.problems[key]
-            place = file.create_group(f"problems/{names[key]}")
-            _write_problem(place, problem)
-            _write_tables(place, own, problem)
+            # any letters, unlike the names within
+            place = file.create_group(f"problems/{names[key]}").id
+            _write_problem(writer, place, problem)
+            _write_tables(writer, place, own, problem)
             if key[1] in stored.best:
-                _write_best(place.create_group("best"), stored.best[key[1]], problem)
+                _write_best(writer, writer.group(place, "best"), stored.best[key[1]], problem)
         file.flush()
         image: bytes = file.id.get_file_image()
         return image
 
 
 def _write_trials(
-    file: Any, rows: Mapping[Key, Rows], best: Mapping[str, BestMotion], names: Mapping[Key, str]
+    writer: Writer,
+    file: Any,
+    rows: Mapping[Key, Rows],
+    best: Mapping[str, BestMotion],
+    names: Mapping[Key, str],
 ) -> None:
     """Write what has a row for every trial."""
     made = {"problem", "reference", "gap", "code", "row"}
@@ -181,18 +188,20 @@ def _write_trials(
     columns["gap"] = columns["certified_duration"] / columns["reference"] - 1
     columns["code"] = np.array([places[text] for text in code], dtype=np.int64)
     columns["row"] = _joined([np.arange(count) for count in counts], "integer")
+    place = writer.group(file, "trials")
     for field in COLUMNS:
-        _put(file, f"trials/{field.name}", columns[field.name], field.unit, field.meaning)
-    _put(file, "code/provenance", np.array(codes, dtype=object), "", _CODE)
+        writer.column(place, field.name, columns[field.name], field.unit, field.meaning)
+    place = writer.group(file, "code")
+    writer.column(place, "provenance", np.array(codes, dtype=object), "", _CODE)
     texts = _joined([part.column("texts", "text") for part in parts], "text")
-    _put(file, "texts", texts, "", _TEXT)
+    writer.column(file, "texts", texts, "", _TEXT)
 
 
 def _joined(columns: Sequence[Any], kind: str) -> Any:
     return np.concatenate([np.zeros(0, dtype=DTYPES.get(kind, object)), *columns])
 
 
-def _write_problem(place: Any, problem: Problem) -> None:
+def _write_problem(writer: Writer, place: Any, problem: Problem) -> None:
     about = {
         "name": problem.name,
         "source": problem.source,
@@ -201,16 +210,17 @@ def _write_problem(place: Any, problem: Problem) -> None:
         "joint_units": [problem.unit(joint) for joint in range(problem.joints)],
         "uses": layout.limits_used(problem),
     }
-    for name, value in pack(about).items():
-        # an attribute of no texts is of numbers otherwise
-        place.attrs[name] = value if value else ""
+    # an attribute of no texts is of numbers otherwise
+    writer.attributes(place, {name: value if value else "" for name, value in pack(about).items()})
     length = problem.shared_unit()
-    _put(place, "waypoints", problem.waypoints, length, MEANINGS["waypoints"])
+    writer.column(place, "waypoints", problem.waypoints, length, MEANINGS["waypoints"])
     for name, numbers in problem.demands.items():
-        _put(place, name, numbers, _ascii(DEMANDS[name].unit(length)), MEANINGS[name])
+        unit = _ascii(DEMANDS[name].unit(length))
+        writer.column(place, name, np.asarray(numbers), unit, MEANINGS[name])
+    inner = writer.group(place, "limits")
     for name, limit in sorted(problem.limits.kinds.items()):
         unit = _ascii(limit.unit(problem))
-        _put(place, f"limits/{name}", limit.numbers, unit, MEANINGS["limits"])
+        writer.column(inner, name, np.asarray(limit.numbers), unit, MEANINGS["limits"])
 
 
 def _ascii(unit: str) -> str:
@@ -218,47 +228,42 @@ def _ascii(unit: str) -> str:
     return unit.replace("²", "^2").replace("³", "^3")
 
 
-def _write_tables(place: Any, rows: Rows, problem: Problem) -> None:
+def _write_tables(writer: Writer, place: Any, rows: Rows, problem: Problem) -> None:
     times = rows.column("", "waypoint_times")
-    _put(place, "waypoint_times", times, "s", MEANINGS["waypoint_times"])
+    writer.column(place, "waypoint_times", times, "s", MEANINGS["waypoint_times"])
+    groups = {"uses": writer.group(place, "uses")}
     for name, unit in (("joint", "1"), ("time", "s"), ("value", "1")):
-        _put(place, f"uses/{name}", rows.column("uses", name), unit, MEANINGS[f"uses/{name}"])
+        own = rows.column("uses", name)
+        writer.column(groups["uses"], name, own, unit, MEANINGS[f"uses/{name}"])
     power = f"{problem.shared_unit(1)}^power"
     units = {"breaks": "s", "coefficients": power, "lengths": "s"}
-    for name in MOTIONS:
-        _write_ragged(place.create_group(name), name, rows, units)
     searches = {"duration": "s", "evaluations": "1"}
-    _write_ragged(place.create_group("history"), "history", rows, searches)
+    for name in (*MOTIONS, "history"):
+        groups[name] = writer.group(place, name)
+        own_units = units if name in MOTIONS else searches
+        _write_ragged(writer, groups[name], name, rows, own_units)
     for name in (*MOTIONS, "history", "uses"):
-        place[name].attrs["description"] = MEANINGS[name]
+        writer.attributes(groups[name], {"description": MEANINGS[name]})
 
 
-def _write_ragged(place: Any, group: str, rows: Rows, units: Mapping[str, str]) -> None:
+def _write_ragged(
+    writer: Writer, place: Any, group: str, rows: Rows, units: Mapping[str, str]
+) -> None:
     count = rows.column(group, "count").astype(np.int64)
-    _put(place, "start", np.cumsum(count) - count, "1", MEANINGS["start"])
-    _put(place, "count", count, "1", MEANINGS["count"])
+    writer.column(place, "start", np.cumsum(count) - count, "1", MEANINGS["start"])
+    writer.column(place, "count", count, "1", MEANINGS["count"])
     for name, unit in units.items():
-        _put(place, name, rows.column(group, name), unit, MEANINGS[name])
+        writer.column(place, name, rows.column(group, name), unit, MEANINGS[name])
 
 
-def _write_best(place: Any, best: BestMotion, problem: Problem) -> None:
-    place.attrs["description"] = MEANINGS["best"]
-    for name in ("duration", "kind", "lower_bound", "source"):
-        place.attrs[name] = getattr(best, name)
+def _write_best(writer: Writer, place: Any, best: BestMotion, problem: Problem) -> None:
+    about = {name: getattr(best, name) for name in ("duration", "kind", "lower_bound", "source")}
+    writer.attributes(place, {"description": MEANINGS["best"], **about})
     if best.motion is not None:
-        _put(place, "breaks", best.motion.breaks, "s", MEANINGS["breaks"])
+        writer.column(place, "breaks", best.motion.breaks, "s", MEANINGS["breaks"])
         power = f"{problem.shared_unit(1)}^power"
         meaning = MEANINGS["best/coefficients"]
-        _put(place, "coefficients", best.motion.coefficients, power, meaning)
-
-
-def _put(place: Any, name: str, values: Any, units: str, description: str) -> None:
-    import h5py
-
-    kind = h5py.string_dtype() if values.dtype == object else None
-    data = place.create_dataset(name, data=values, dtype=kind)
-    data.attrs["units"] = units
-    data.attrs["description"] = description
+        writer.column(place, "coefficients", best.motion.coefficients, power, meaning)
 
 
 def seal(data: bytes) -> bytes:
@@ -357,13 +362,11 @@ class _Part:
     """The tables of a problem in an open file; its columns are read where they are used."""
 
     def __init__(self, place: Any, trials: Mapping[str, Any], texts: Any) -> None:
-        self._place = place
         self._cut = {"trials": trials, "texts": {"text": texts}}
+        self._groups = {name: Columns(place.id, name) for name in ("", *layout.GROUPS)}
 
     def __getitem__(self, group: str) -> Any:
-        if group in self._cut:
-            return self._cut[group]
-        return self._place[group] if group else self._place
+        return self._cut[group] if group in self._cut else self._groups[group]
 
 
 # --- comparing ---

@@ -397,7 +397,9 @@ def _scipy() -> Any:
 
 def _z(confidence: float) -> float:
     """Return the normal quantile of a two-sided interval."""
-    return float(_scipy().norm.ppf((1 + confidence) / 2))
+    from scipy.special import ndtri  # without `scipy.stats`, whose `norm.ppf` it is
+
+    return float(ndtri((1 + confidence) / 2))
 
 
 def _root(function: Callable[[float], float], inside: float, end: float) -> float:
