@@ -13,7 +13,7 @@ the axes of length two come first: `(2 ends, 2 sides, starts, segments, joints)`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -118,13 +118,13 @@ class AccelerationTables:
             self.passing = passing / top
             self.rows = (3, *self.lowest.shape[1:])
 
-    def of(self, some: Bools | Indices) -> AccelerationTables:
+    def of(self, some: Bools | Indices) -> Self:
         """Return the tables of some of the starts."""
-        return AccelerationTables(self.scaled.of(some))
+        return type(self)(self.scaled.of(some))
 
-    def with_others(self, others: Sequence[AccelerationTables]) -> AccelerationTables:
+    def with_others(self, others: Sequence[Self]) -> Self:
         """Return the tables of these starts, then of the others."""
-        return AccelerationTables(self.scaled.with_others([own.scaled for own in others]))
+        return type(self)(self.scaled.with_others([own.scaled for own in others]))
 
     def at_ends(self, velocity: Array) -> Array:
         """Return waypoint velocities at the start and the end of each segment."""

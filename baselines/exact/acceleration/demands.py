@@ -31,7 +31,7 @@ from baselines.exact.acceleration.cells import (
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.method.chain import Chain, Links, at_ends
 from baselines.exact.method.scaled import Abreast
-from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.arrays import Array
 
 # Variables of a cell: logarithm of the time, velocity and offset at both ends, peak.
 _S, _X0, _P0, _X1, _P1, _PEAK = range(6)
@@ -68,27 +68,27 @@ class DemandUnknowns(NamedTuple):
 
 
 class DemandTables(AccelerationTables):
-    """The constant tables of the program, and of the demands."""
+    """The constant tables of the program, and of the demands.
 
-    def __init__(self, scaled: Any, starts: int) -> None:
-        super().__init__(Abreast([scaled] * starts))
-        self.asked = scaled
-        self.tolerant = bool(scaled.tolerance.any())
-        self.least: Array = scaled.least
-        self.latest: Array = scaled.latest
+    Args:
+        scaled: the problem of each start, all with the same kinds of demands.
+    """
+
+    def __init__(self, scaled: Abreast) -> None:
+        super().__init__(scaled)
+        every: Sequence[Any] = scaled.every
+        tolerance = np.array([own.tolerance for own in every])
+        self.tolerance = tolerance
+        self.tolerant = bool(tolerance.any())
+        self.least = scaled.least
+        self.latest = np.array([own.latest for own in every])
         self.bounded = np.array([self.least > 0, np.isfinite(self.latest)])
         # half width of the box around the waypoint at each cell's end; 1 for an exact waypoint
         box = np.zeros(self.every)
-        box[:, : len(scaled.tolerance)] = scaled.tolerance
+        box[:, : tolerance.shape[1]] = tolerance
         self.free = box > 0
         self.box = np.where(self.free, box, 1.0)
-        self.free_before, _ = self.offsets(np.sign(box)[:, : len(scaled.tolerance)])
-
-    def of(self, some: Bools | Indices) -> DemandTables:
-        return DemandTables(self.asked, len(self.ones[some]))
-
-    def with_others(self, others: Sequence[AccelerationTables]) -> DemandTables:
-        return DemandTables(self.asked, sum(len(own.ones) for own in (self, *others)))
+        self.free_before, _ = self.offsets(np.sign(tolerance))
 
     def offsets(self, offset: Array) -> Array:
         """Return the offsets at the start and the end of each segment, 0 at the motion's ends."""
@@ -99,11 +99,11 @@ class DemandTables(AccelerationTables):
 
         Ends and peaks are counted from the mean velocity between the nominal waypoints.
         """
-        times = np.maximum(times, self.asked.least * (1 + 1e-3))
+        times = np.maximum(times, self.least * (1 + 1e-3))
         if not self.tolerant:
             point = self.start(times, velocities)
             return DemandUnknowns(*point, np.zeros_like(velocities))
-        box = _ROOM * self.asked.tolerance
+        box = _ROOM * self.tolerance
         inside = np.clip(offset, -box, box)
         first, last = self.offsets(inside)
         moved = copy(self)
@@ -190,7 +190,7 @@ class DemandInequalities(AccelerationInequalities):
             slopes[_P1, 1] = -(cells.free / self.t**2)
             slopes[_P1, kinds] = -(cells.free / cells.box)
         if cells.bounded.any():
-            slopes[_S, -1, 0, :, :, 0], slopes[_S, -1, 1, :, :, 0] = cells.bounded * [[1], [-1]]
+            slopes[_S, -1, 0, :, :, 0], slopes[_S, -1, 1, :, :, 0] = cells.bounded * [[[1]], [[-1]]]
         return slopes
 
 

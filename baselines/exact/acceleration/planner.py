@@ -15,7 +15,7 @@ optimum.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import chain, islice
@@ -29,7 +29,7 @@ from baselines.exact.acceleration.demands import DemandInequalities, DemandTable
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
-from baselines.exact.method import brief_steps, free_pieces, gate, guesses
+from baselines.exact.method import brief_steps, free_pieces, gate, guesses, interior_point
 from baselines.exact.method.chain import at_ends, with_outer
 from baselines.exact.method.crossover import minimised
 from baselines.exact.method.free_pieces import FreeOptimum
@@ -38,16 +38,21 @@ from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
     LocalOptimum,
     SeveralStarts,
+    motion_of,
+    stats_of,
     without_ipopt,
 )
 from baselines.exact.method.scaled import BRIEF_PIECE_S, Abreast, Scaled, inner_velocities, motions
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.demand import END_STATES
+from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import KEPT_RTOL
-from trajopt.core.solution import Solution
+from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import flaws
 from trajopt.planners.reductions import SIMPLEST, reduced
+from trajopt.planners.rest_to_rest import stop_times
 
 # Largest number of initial guesses if all fail, times `starts`.
 MAX_STARTS_FACTOR = 5
@@ -63,6 +68,12 @@ DILATION_TOL = 1e-15
 _LIMIT_RTOL = 1e-9
 # A mean acceleration in a segment closer to its limit than this, relative, is at the limit.
 _FULL_RTOL = 1e-7
+# Which initial guesses are tried, in this order, for an answer near an optimum: the nominal points
+# in half and in all the time of stopping, the chord in all and in half of it, the chord slower.
+_NEAR_GUESSES = (4, 3, 0, 1, 2)
+_NEAR_STEPS = 45  # of the interior point, most; three of four guesses need fewer than 30
+_NEAR_FACTOR = 10.0  # largest dilation of such an answer, times `within`
+_LEAST_SHARE = 0.03  # of its time of stopping, that a segment takes at least: costs up to 5e-5
 
 
 @dataclass(frozen=True)
@@ -72,12 +83,24 @@ class Exact(SeveralStarts):
     On 2000 random problems all of 64 starts led to one optimum (`experiments/local_optima.py`). The
     second of two starts that agree guards against a start that ends badly. `solver` is its own
     interior-point method, or IPOPT on a program of other variables: an independent check.
+
+    `within`, for problems with tolerances: an answer about this far above a local optimum,
+    relative, is near enough. The first initial guess that leads to one ends the search, and
+    `solve_many` advances problems of one shape together. By default the search goes on to the last
+    digit, from every side of the tolerances: some 60 times the time where boxes overlap.
     """
+
+    within: float = 0.0
 
     knows = (
         *("velocity", "acceleration", "segment"),
         *(*END_STATES, *DEMANDS_KNOWN, "tolerance"),
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.within < 1:
+            raise InvalidInput("within", "a share from 0 to below 1", value=self.within)
 
     def unsupported(self, problem: Problem) -> str | None:
         return without_ipopt(self.solver, problem, END_STATES)
@@ -91,7 +114,49 @@ class Exact(SeveralStarts):
         self.announce("exact", problem)
         if self.solver == "ipopt":  # an independent check: no other method steps in
             return self._planned(problem)
-        return gate.certified(problem, self._planned, self.solve)
+        (near,) = self._near([problem]) if self._stops_near(problem) else (None,)
+        return near or gate.certified(problem, self._planned, self.solve)
+
+    def _stops_near(self, problem: Problem) -> bool:
+        """Return whether an answer near an optimum is enough."""
+        return self.within > 0 and "tolerance" in problem.demands
+
+    def joins_a_batch(self, problem: Problem) -> bool:
+        return self._stops_near(problem) or super().joins_a_batch(problem)
+
+    def shape(self, problem: Problem) -> Hashable:
+        return super().shape(problem), *problem.demands
+
+    def _together(self, problems: Sequence[Problem]) -> list[Solution | None]:
+        if self._stops_near(problems[0]):
+            return self._near(problems)
+        return super()._together(problems)
+
+    def _near(self, problems: Sequence[Problem]) -> list[Solution | None]:
+        """Return answers near an optimum to problems of one shape; None where no guess leads there.
+
+        A segment between boxes that overlap may take no time, which its logarithm does not reach.
+        So each segment takes at least a share of its time of stopping, small enough to cost less
+        than `within`.
+        """
+        every = [_not_at_once(problem) for problem in problems]
+        answers: list[Solution | None] = [None] * len(every)
+        left = list(range(len(every)))
+        for number in _NEAR_GUESSES:
+            some = [every[i] for i in left]
+            starts = [next(islice(_guesses(own, self.starts), number, None)) for own in some]
+            with np.errstate(all="ignore"):
+                found = _near_optima(some, starts, self.within)
+            for i, own, optimum in zip(left, some, found, strict=True):
+                motion = None if optimum is None else motion_of(own, optimum)
+                if optimum is not None and motion is not None:
+                    answer = self.answered(problems[i], motion, stats_of(own, [optimum]))
+                    if answer.status is not Status.SOLVED or not flaws(problems[i], motion):
+                        answers[i] = answer
+            left = [i for i in left if answers[i] is None]
+            if not left:
+                break
+        return answers
 
     def _planned(self, problem: Problem) -> Solution:
         """Return the planner's own answer, which nobody has judged."""
@@ -204,10 +269,12 @@ class Passing(Scaled):
 
     Attributes:
         latest: longest times of the segments, infinite where there are none, `(segments,)`.
+        brief: shorter pieces are removed at the price of a linear program each, s.
     """
 
     def __init__(self, problem: Problem, passing: Array | None = None) -> None:
         super().__init__(problem, jerk=False, passing=passing)
+        self.brief = BRIEF_PIECE_S
         self.latest = np.full_like(self.stop, np.inf)
 
     @property
@@ -277,7 +344,7 @@ def _motions(
         in_a_row([own.problem.waypoints[:-1] / own.units[-1] for own in every]),
         in_a_row([own.walls[:, None] / own.units[-1] for own in every]),
     )
-    brief = np.repeat([BRIEF_PIECE_S / own.unit for own in every], segments)
+    brief = np.repeat([own.brief / own.unit for own in every], segments)
     with np.errstate(all="ignore"):
         constant = pieces(task, brief, dilatable=every[0].problem.route.dilatable)
     return motions(every, constant, task.u)
@@ -454,7 +521,7 @@ def _minimised(
     """Return the local optimum near each initial guess, dilated until it is reachable.
 
     Args:
-        every: the problem of each guess, all of one shape; with demands all are one problem.
+        every: the problem of each guess, all of one shape and with the same kinds of demands.
         starts: the guesses.
         problems: the number of each guess's problem; by default one for all.
     """
@@ -463,35 +530,12 @@ def _minimised(
 
     def reached(rows: Any, some: Indices, largest_dilation: float) -> list[LocalOptimum | None]:
         own = abreast if len(some) == len(every) else abreast.of(some)
-        times = rows.times
-        ends = rows.point.ends
-        # A joint at its limit throughout a segment has end velocities ∓A T/2 from the mean one.
-        gain = ends[1] - ends[0]
-        limit = np.where(gain > 0, own.a[1], own.a[0])
-        is_full = np.abs(gain / limit - 1) < _FULL_RTOL
-        if not tolerant:
-            ends = np.where(is_full, [-limit / 2, limit / 2], ends)
-        velocities = inner_velocities(own.h, times, ends, own.closed)
-        velocities = within(velocities, own.waypoint_v)
-        if not tolerant:
-            return _reached(own, times, velocities, largest_dilation)
-        offsets = np.clip(rows.point.offset, -scaled.tolerance, scaled.tolerance)
-        moved = Abreast([scaled.shifted(offset) for offset in offsets])
-        found = _reached(moved, times, velocities, largest_dilation)
-        return [
-            optimum and optimum._replace(states=(optimum.states, offset))
-            for optimum, offset in zip(found, offsets, strict=True)
-        ]
+        return _reached_from(rows, own, largest_dilation)
 
-    tolerant = scaled.tolerance.any()
-    times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
     if scaled.has_demands:
-        asked = DemandTables(scaled, len(starts))
-        still = np.zeros_like(scaled.tolerance)
-        offset = np.array([still if own.offset is None else own.offset for own in starts])
-        of_demands = DemandInequalities(asked, asked.near(times, velocities, offset))
-        optima = minimised(of_demands, reached)
+        optima = minimised(_demanded(abreast, starts), reached)
     else:
+        times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
         cells = AccelerationTables(abreast)
         rows = AccelerationInequalities(cells, cells.start(times, velocities))
         optima = minimised(rows, reached, problems)
@@ -499,6 +543,76 @@ def _minimised(
         LocalOptimum(np.inf, *start[:2], "Not_Converged") if optimum is None else optimum
         for start, optimum in zip(starts, optima, strict=True)
     ]
+
+
+def _demanded(abreast: Abreast, starts: Sequence[Guess]) -> DemandInequalities:
+    """Return the program of routes with demands at initial guesses."""
+    asked = DemandTables(abreast)
+    times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
+    still = np.zeros(asked.tolerance.shape[1:])
+    offset = np.array([still if own.offset is None else own.offset for own in starts])
+    return DemandInequalities(asked, asked.near(times, velocities, offset))
+
+
+def _reached_from(
+    rows: Any, abreast: Abreast, largest_dilation: float
+) -> list[LocalOptimum | None]:
+    """Return the optima of a program's inequalities, dilated until they are reachable."""
+    cells = rows.cells
+    times = rows.times
+    ends = rows.point.ends
+    tolerant = isinstance(cells, DemandTables) and cells.tolerant
+    if not tolerant:
+        # A joint at its limit throughout a segment has end velocities ∓A T/2 from the mean one.
+        gain = ends[1] - ends[0]
+        limit = np.where(gain > 0, abreast.a[1], abreast.a[0])
+        is_full = np.abs(gain / limit - 1) < _FULL_RTOL
+        ends = np.where(is_full, [-limit / 2, limit / 2], ends)
+    velocities = inner_velocities(abreast.h, times, ends, abreast.closed)
+    velocities = within(velocities, abreast.waypoint_v)
+    if not tolerant:
+        return _reached(abreast, times, velocities, largest_dilation)
+    offsets = np.clip(rows.point.offset, -cells.tolerance, cells.tolerance)
+    pairs = zip(abreast.every, offsets, strict=True)
+    moved = Abreast([scaled.shifted(offset) for scaled, offset in pairs])
+    found = _reached(moved, times, velocities, largest_dilation)
+    return [
+        optimum and optimum._replace(states=(optimum.states, offset))
+        for optimum, offset in zip(found, offsets, strict=True)
+    ]
+
+
+def _not_at_once(problem: Problem) -> Passing:
+    """Return the problem without units, each segment of which takes some time."""
+    scaled = Passing(problem)
+    least = _LEAST_SHARE * stop_times(problem) / scaled.unit
+    scaled.least = np.maximum(scaled.least, least)
+    scaled.brief = 0.0  # there are hundreds
+    return scaled
+
+
+def _near_optima(
+    every: Sequence[Passing], starts: Sequence[Guess], within: float
+) -> list[LocalOptimum | None]:
+    """Return optima to about `within`, relative, each from a guess; None where it leads to none.
+
+    Args:
+        every: the problem of each guess, all of one shape and with the same kinds of demands.
+        starts: the guesses.
+        within: largest gap, relative to the duration, and largest miss of an inequality.
+    """
+
+    def there(iterate: interior_point.Iterate) -> Bools:
+        state = iterate.state
+        missed = np.abs(state.miss).max(axis=interior_point.ROW_AXES)
+        missed = np.maximum(missed, state.rows.apart)
+        return interior_point.near(iterate, within) & (missed <= within)
+
+    abreast = Abreast(every)
+    rows = _demanded(abreast, starts)
+    numbers = np.arange(len(every))  # each guess ends its steps by itself
+    end = interior_point.descended(interior_point.begun(rows), there, _NEAR_STEPS, numbers)
+    return _reached_from(end.state.rows, abreast, 1 + _NEAR_FACTOR * within)
 
 
 def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Guess]) -> list[LocalOptimum]:

@@ -124,7 +124,7 @@ class SeveralStarts(Planner):
         for i, problem in enumerate(problems):
             steps, simple = SIMPLEST.applied(problem)
             simplest.append((steps, simple))
-            if not simple.demands and self.solver != "ipopt" and not spared(simple).any():
+            if self.solver != "ipopt" and self.joins_a_batch(simple):
                 alike.setdefault(self.shape(simple), []).append(i)
         for numbers in alike.values():
             size = max(1, _MOST_CELLS // cells(simplest[numbers[0]][1]))
@@ -152,10 +152,14 @@ class SeveralStarts(Planner):
         numbers, every, optima = zip(*agreed, strict=True)
         motions = self.motions(every, [_shortest(local)[0] for local in optima])
         for i, scaled, local, motion in zip(numbers, every, optima, motions, strict=True):
-            found = self.answered(problems[i], motion, _stats(scaled, local))
+            found = self.answered(problems[i], motion, stats_of(scaled, local))
             if found.status is not Status.SOLVED or not flaws(problems[i], motion):
                 answers[i] = found
         return answers
+
+    def joins_a_batch(self, problem: Problem) -> bool:
+        """Return whether the problem can be solved together with others of its shape."""
+        return not problem.demands and not spared(problem).any()
 
     def shape(self, problem: Problem) -> Hashable:
         """Return what problems have in common that can be one batch."""
@@ -264,7 +268,7 @@ class SeveralStarts(Planner):
         local = [*known, *others]
         if not local:
             return Solution(Status.FAILED, message=no_start_succeeded([]))
-        stats = _stats(scaled, local)
+        stats = stats_of(scaled, local)
         if not np.isfinite([optimum.duration for optimum in local]).any():
             message = no_start_succeeded(stats["start_status"])
             motion = None if self.solver == "ipopt" else unconverged(scaled, local)
@@ -310,7 +314,7 @@ def _shortest(local: Sequence[LocalOptimum]) -> list[LocalOptimum]:
     return [own for own in local if own.duration <= shortest * (1 + _SAME_RTOL)]
 
 
-def _stats(scaled: Reaching, local: Sequence[LocalOptimum]) -> dict[str, Any]:
+def stats_of(scaled: Reaching, local: Sequence[LocalOptimum]) -> dict[str, Any]:
     """Return the status and the duration, s, of each start tried."""
     durations = np.array([optimum.duration for optimum in local])
     statuses = [optimum.status for optimum in local]
