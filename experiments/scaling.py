@@ -9,8 +9,9 @@ They include building IPOPT's program, if it uses IPOPT, but no imports, since a
 solved before. The slope is the power of the number of waypoints, fitted from `FITTED_FROM`
 waypoints on.
 
-`batches.csv`: problems like six-axis, solved by one call of `solve_many`, against one by one. Its
-memory is the most that one call holds at a time, measured in a call of its own.
+`batches.csv`: problems like six-axis, solved by one call of `solve_many`, and their motions judged
+by one of `verify_many`, against one by one. Its memory is the most that one call of `solve_many`
+holds at a time, measured in a call of its own.
 
 `beside.csv`: the exact optimum and one path by TOPP-RA, at three sizes. TOPP-RA takes only the
 velocity and acceleration limits, and its motion is that of one cubic spline.
@@ -21,6 +22,7 @@ figure is `scaling.png` and `.svg`.
 
 from __future__ import annotations
 
+import pickle
 import time
 import tracemalloc
 from collections.abc import Callable
@@ -36,7 +38,7 @@ from matplotlib.figure import Figure
 
 from experiments.common.kept import kept
 from experiments.common.output import save_table
-from trajopt import Limits, Problem, verify
+from trajopt import Limits, Problem, verify, verify_many
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.limits import KINDS
 from trajopt.planners.registry import load
@@ -125,18 +127,32 @@ def together(planner: str, count: int) -> list[dict[str, float]]:
     tried.solve(problems[0])
     spent, many = least(lambda: tried.solve_many(problems))
     alone, one_by_one = least(lambda: [tried.solve(problem) for problem in some])
+    motions = [solution.trajectory for solution in many]
+    copies = [fresh(motions) for _ in range(REPEATS)]
+    judging, certificates = least(lambda: verify_many(problems, copies.pop()))
+    copies = [fresh(motions[:ONE_BY_ONE]) for _ in range(REPEATS)]
+    judging_alone, _ = least(lambda: list(map(verify, some, copies.pop())))
     tracemalloc.start()
     tried.solve_many(problems)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     pairs = zip(durations(many), durations(one_by_one), strict=False)
+    alike = zip(certificates, map(verify, problems, fresh(motions)), strict=True)
     row = {
         "together ms": 1e3 * spent / count,
         "one by one ms": 1e3 * alone / len(some),
+        "judged together ms": 1e3 * judging / count,
+        "judged one by one ms": 1e3 * judging_alone / len(some),
+        "other certificates": sum(own != other for own, other in alike),
         "MB": most / 1e6,
         "largest difference": max(abs(own / other - 1) for own, other in pairs),
     }
     return [row]
+
+
+def fresh(motions: list[Any]) -> list[Any]:
+    """Return copies of motions, of which nothing has been computed."""
+    return [pickle.loads(pickle.dumps(motion)) for motion in motions]
 
 
 def durations(solutions: list[Any]) -> list[float]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from trajopt.core.solution import Status as Status
     from trajopt.core.trajectory import Trajectory as Trajectory
     from trajopt.judgement import judge as judge
+    from trajopt.judging.together import verify_many as verify_many
     from trajopt.judging.verification import Certificate as Certificate
     from trajopt.judging.verification import Tolerance as Tolerance
     from trajopt.judging.verification import verify as verify
@@ -67,6 +68,7 @@ _MODULE = {
     "problem": "benchmark.suites.catalogue:load",
     "retime": "retiming",
     "verify": "judging.verification",
+    "verify_many": "judging.together",
     "write": "views.export.motion_file",
 }
 __all__ = sorted(_MODULE)

@@ -120,3 +120,28 @@ def test_the_worked_example():
         np.testing.assert_allclose(repaired(straight, motion)(at)[:, 0], curve(at), atol=1e-14)
     bend = repaired(straight, jumping)([0.25], 2) - jumping([0.25], 2)
     assert bend.item() == pytest.approx(4 * 0.1 / 0.75, rel=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_correction_below_its_bound_is_negligible(order):
+    """Jumps and misses at random, of sizes about that at which a correction counts."""
+    rng = np.random.default_rng(order)
+    limits = Limits([1.0] * 2, [2.0] * 2, [3.0] * 2 if order == 2 else None)
+    counts = [0, 0]
+    for _ in range(300):
+        breaks = np.append(0.0, np.cumsum(rng.uniform(0.05, 1.0, 6)))
+        waypoints = rng.normal(size=(3, 2))
+        motion = Trajectory(breaks, rng.normal(size=(4, 6, 2)), breaks[[0, 2, 6]])
+        problem = Problem(waypoints, limits)
+        layout = repair._layout(problem, motion, np.ones(3, dtype=bool))
+        joints = np.ones(2, dtype=bool)
+        size = 10.0 ** rng.uniform(-16, -12)
+        missed = 1e-3 * size * rng.normal(size=(2, 2))
+        jumps = [size * rng.normal(size=(7, 2)) for _ in range(order)]
+        added = repair._added(layout, joints, np.arange(2), missed, jumps)
+        computed = repair._is_negligible(added, layout, problem, np.arange(2))
+        bound = repair._surely_negligible(problem, layout, joints, missed, jumps)
+        assert computed or not bound
+        counts[0] += bound
+        counts[1] += computed
+    assert 0.3 * counts[1] < counts[0] < 300

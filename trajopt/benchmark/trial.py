@@ -8,15 +8,16 @@ import json
 import sys
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
+from itertools import islice
 from numbers import Real
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +38,8 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.tables import check_length
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.smoothness import Smoothness, of_certified
-from trajopt.judging.verification import Certificate, certified, verify
+from trajopt.judging.together import verify_many
+from trajopt.judging.verification import Certificate, certified, fits, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
 
@@ -418,10 +420,41 @@ def judged(
     limits: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Trial]:
     """Return the judged trials of answers, one per seed; they are verified on `problem`."""
+    asked = Asked(entrant, problem, tuple(seeds), answers, limits)
+    return judged_many([asked], started)
+
+
+class Asked(NamedTuple):
+    """What was asked of a planner on a problem, with seeds, and what it answered.
+
+    `limits` are those of time and memory.
+    """
+
+    entrant: Entrant
+    problem: Problem
+    seeds: Sequence[int]
+    answers: Answers
+    limits: Mapping[str, str]
+
+
+def judged_many(every: Sequence[Asked], started: str) -> list[Trial]:
+    """Return the judged trials of all answers, one after the other; they are verified together."""
+    pairs = [(own.problem, solution) for own in every for solution in own.answers.solutions]
+    found = iter(verdicts(pairs))
+    return [
+        trial
+        for own in every
+        for trial in _trials(own, started, islice(found, len(own.answers.solutions)))
+    ]
+
+
+def _trials(asked: Asked, started: str, verdicts: Iterable[Verdict]) -> list[Trial]:
+    """Return the trials of judged answers."""
+    entrant, problem, seeds, answers, limits = asked
     trials = []
     runs = answers.together or len(seeds)
-    for seed, solution in zip(seeds, answers.solutions, strict=True):
-        status, message, certificate = verdict(problem, solution)
+    each = zip(seeds, answers.solutions, verdicts, strict=True)
+    for seed, solution, (status, message, certificate) in each:
         stated = solution.setup_time
         building_time = stated / runs if stated <= answers.wall_time else 0.0
         solve_time = answers.wall_time / runs - building_time
@@ -493,18 +526,39 @@ def frozen(problem: Problem) -> Problem:
     return problem
 
 
-def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certificate | None]:
-    """Return the verifier's verdict on a solution: status, message and certificate.
+Verdict = tuple[Status, str, Certificate | None]
+"""Status, message and certificate."""
+
+
+def verdicts(pairs: Sequence[tuple[Problem, Solution]]) -> list[Verdict]:
+    """Return the verifier's verdict on each solution of a problem; the motions are one table."""
+    motions = {
+        place: motion
+        for place, (problem, solution) in enumerate(pairs)
+        if (motion := solution.trajectory) is not None and fits(problem, motion)
+    }
+    found = verify_many([pairs[place][0] for place in motions], list(motions.values()))
+    certificates = dict(zip(motions, found, strict=True))
+    return [verdict(*pair, certificates.get(place)) for place, pair in enumerate(pairs)]
+
+
+def verdict(problem: Problem, solution: Solution, known: Certificate | None = None) -> Verdict:
+    """Return the verifier's verdict on a solution.
 
     A motion is graded by what it does. Neither the planner's status, nor its relation, nor the
     limits that it knows change the verdict on it.
+
+    Args:
+        problem: That was asked.
+        solution: The answer.
+        known: The certificate of its motion, if that was verified before.
     """
     if solution.trajectory is None:
         if solution.status in (Status.SOLVED, Status.RELAXED):
             return Status.FAILED, f"reported {solution.status} without a trajectory", None
         return solution.status, solution.message, None
     try:
-        certificate = verify(problem, solution.trajectory)
+        certificate = known or verify(problem, solution.trajectory)
     except InvalidTrajectory as error:
         return Status.INVALID, str(error), None
     if not certificate.valid:

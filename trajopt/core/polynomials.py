@@ -81,15 +81,20 @@ def composed(outer: Array, inner: Array) -> Array:
 
 def stretched(coefficients: Array, length: Array | float) -> Array:
     """Coefficients of `p(length · s)`: a piece in local time, moved to the unit interval."""
-    length = np.asarray(length, dtype=float)
-    degree = len(coefficients) - 1
     # c_p (length s)^p = (c_p length^p) s^p
-    powers = np.arange(degree, -1, -1)
-    shared = (1,) * length.ndim
-    factors = length ** powers.reshape(-1, *shared)
+    factors = powers(np.asarray(length, dtype=float), len(coefficients) - 1)
     trailing = (1,) * (coefficients.ndim - factors.ndim)
     factors = factors.reshape(*factors.shape, *trailing)
     return coefficients * factors
+
+
+def powers(length: Array, degree: int) -> Array:
+    """`length` to the powers `degree` … 0, `(degree + 1, …)`.
+
+    Their last bits depend on how many are computed at once: NumPy squares some, others are powers.
+    """
+    shared = (1,) * length.ndim
+    return np.asarray(length ** np.arange(degree, -1, -1).reshape(-1, *shared))
 
 
 def shifted(coefficients: Array, offset: Array | float) -> Array:

@@ -43,8 +43,7 @@ def spared(problem: Problem) -> Bools:
     steps = problem.displacements
     largest = problem.largest_displacements
     rounding = problem.rounding
-    briefest = np.cbrt(BLEND_JERK / BRIEF_USE * rounding * largest**2)
-    brief = np.all(np.abs(steps) <= briefest, axis=1)
+    brief = is_brief(steps, rounding, largest)
     found = np.zeros(len(problem.waypoints), dtype=bool)
     if any({"waypoints", "segments"} & set(DEMANDS[key].axes) for key in problem.demands):
         return found
@@ -54,6 +53,18 @@ def spared(problem: Problem) -> Bools:
         found[1:-1] = inner & _in_line(steps / unit, rounding / unit)
         found[1:-1] &= ~problem.limits.changes
     return found
+
+
+def is_brief(steps: Array, rounding: Array, largest: Array) -> Bools:
+    """Return which steps are brief, `(…, steps)`.
+
+    Args:
+        steps: rad, `(…, steps, joints)`.
+        rounding: Of waypoints, rad, `(joints,)` or of each step.
+        largest: Displacement of a joint, rad, likewise.
+    """
+    briefest = np.cbrt(BLEND_JERK / BRIEF_USE * rounding * largest**2)
+    return np.all(np.abs(steps) <= briefest, axis=-1)
 
 
 def thinned(problem: Problem) -> Problem:

@@ -31,8 +31,9 @@ are then at its ends, where the long segments take them.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -47,6 +48,8 @@ from trajopt.judging.passing import misses
 # A correction that uses a smaller share of every limit is left out. All corrections that are left
 # out change the certified duration by no more than this share.
 NEGLIGIBLE_USE = 1e-12
+SURE = 0.9  # of what is negligible: a bound below it is no matter of rounding
+UNEVEN = 1e4  # most times that a segment takes another's time, for that bound
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
 MAX_ATTEMPTS = 8
@@ -156,6 +159,8 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
         jumps = [_jumps(problem, layout, derivative) for derivative in range(1, order + 1)]
         parts = _joints_in_parts(layout, joints)
         if len(parts) == 1:
+            if not at_limits and _surely_negligible(problem, layout, joints, missed, jumps):
+                continue
             added = _added(layout, joints, parts[0], missed, jumps)
             if at_limits or not _is_negligible(added, layout, problem, parts[0]):
                 coefficients = polynomials.plus(coefficients, added)
@@ -457,6 +462,97 @@ def _is_negligible(added: Array, layout: _Layout, problem: Problem, joints: Indi
         if not (controls <= allowed).all():
             return False
     return True
+
+
+def _surely_negligible(
+    problem: Problem, layout: _Layout, joints: Bools, missed: Array, jumps: list[Array]
+) -> bool:
+    """Return whether a bound shows that a correction is negligible, without computing it."""
+    limits = problem.limits.in_all_segments().by_name()
+    sides = [np.abs(limits[name]).min(axis=1) for name in ("velocity", "acceleration", "jerk")]
+    allowed = [problem.rounding, *(NEGLIGIBLE_USE * own for own in sides)]
+    bound = Corrections(
+        first=layout.first,
+        lengths=layout.lengths,
+        longest=layout.lengths.max(),
+        until_end=layout.until_end[:, None],
+        rate=np.abs(missed / layout.lengths).max(axis=0)[joints],
+        missed=missed[:, joints],
+        starting=[own[:-1, joints] for own in jumps],
+        ending=[own[layout.after][:, joints] for own in jumps],
+    )
+    return bool(bound.negligible([own[joints] for own in allowed]).all())
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What corrections of segments cancel: enough to say that they are negligible.
+
+    Attributes:
+        first: The first piece of each segment, `(segments,)`.
+        lengths: Of the segments, s, `(segments, 1)`.
+        longest: That of the motion's longest segment.
+        until_end: From the start of a piece to the end of its segment, s, `(pieces, 1)`.
+        rate: Largest missed displacement over time in a segment of the motion, rad/s, `(joints,)`,
+            or of each segment.
+        missed: Displacements, rad, `(segments, joints)`.
+        starting: The jump at the start of each piece, of velocity, and of acceleration where jerk
+            is limited, `(pieces, joints)` each.
+        ending: Those at the end of each segment, `(segments, joints)`.
+    """
+
+    first: Indices
+    lengths: Array
+    longest: Array
+    until_end: Array
+    rate: Array
+    missed: Array
+    starting: Sequence[Array]
+    ending: Sequence[Array]
+
+    def negligible(self, allowed: Sequence[Array]) -> Bools:
+        """Return whether a bound shows that corrections are negligible, `(segments,)`.
+
+        A correction is a sum of polynomials on [0, 1], of which a piece is a part: its Bernstein
+        coefficients lie within those of the whole. Where segments of a motion differ in time by
+        more than `UNEVEN`, rounding of the long ones' corrections counts in the short ones.
+
+        Args:
+            allowed: Of position … jerk, `(joints,)` each, or `(segments, joints)`.
+        """
+        lengths = self.lengths
+        whole = np.diff(self.first, append=len(self.until_end))
+        passed = np.repeat(lengths, whole, axis=0) - self.until_end
+        time = np.maximum(passed, self.until_end)  # the longer side has the correction
+        of_blend, *of_jumps = _control_sizes(len(self.starting))
+        kept = (lengths * UNEVEN > self.longest)[:, 0]
+        for order, most in enumerate(allowed):
+            bound = of_blend[order] * np.abs(self.missed) / lengths**order
+            # slopes at both ends that lead from one miss to the next
+            bound += 2 * of_jumps[0][order] * self.rate * lengths ** (1 - order)
+            jumps = zip(of_jumps, self.starting, self.ending, strict=True)
+            for power, (size, starting, ending) in enumerate(jumps, start=1 - order):
+                within = np.add.reduceat(np.abs(starting) * time**power, self.first)
+                bound += size[order] * (within + np.abs(ending) * lengths**power)
+            kept &= (bound <= SURE * most).all(axis=1)
+        return kept
+
+
+@cache
+def _control_sizes(order: int) -> list[list[float]]:
+    """Return the largest Bernstein coefficients of position … jerk of parts of a correction.
+
+    Of the blend from 0 to 1, of a slope of 1 at the end, and of a curvature of 1 there, each in the
+    time 1.
+    """
+    ends = [[1.0]] if order == 1 else [[1.0, 0.0], [0.0, 1.0]]
+    parts = [_BLEND[order], *(_ending(*map(np.array, own)) for own in ends)]
+    found = []
+    for part in parts:
+        whole = _rows(part, order + 1)[:, None]
+        each = (polynomials.bernstein(polynomials.derivative(whole, k)) for k in range(4))
+        found.append([float(np.abs(own).max()) for own in each])
+    return found
 
 
 def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:

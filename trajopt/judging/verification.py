@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.core import dwell, polynomials
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, shown
 from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
@@ -33,7 +33,7 @@ GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative,
 NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 # Limits whose excess a dilation mends, whatever it is: they add no flaw.
-_MENDED = frozenset({"velocity", "acceleration", "jerk"})
+MENDED = frozenset({"velocity", "acceleration", "jerk"})
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def verify(
         WrongType: It is no `Trajectory`, or the first argument no `Problem`.
         InvalidTrajectory: It has another number of joints or waypoints than the problem.
     """
-    _check_sizes(problem, trajectory)
+    check_sizes(problem, trajectory)
     own = _counted(problem)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         certificate, judged = _judged(
@@ -253,10 +253,10 @@ def flaws(problem: Problem, trajectory: Trajectory) -> tuple[str, ...]:
     Raises:
         WrongType, InvalidTrajectory: As `verify` does.
     """
-    mended = _MENDED if problem.route.dilatable else frozenset[str]()
+    mended = MENDED if problem.route.dilatable else frozenset[str]()
     if "dwell" in problem.demands or problem.limits.kinds.keys() - mended:
         return verify(problem, trajectory, unjudged=mended).flaws
-    _check_sizes(problem, trajectory)
+    check_sizes(problem, trajectory)
     own = within_tolerance(_counted(problem), trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         allowed = _allowed(own, trajectory.duration, Tolerance())
@@ -310,7 +310,7 @@ def hand_over(
     for order, (before, own) in enumerate(zip(state, allowed.jumps, strict=True)):
         size = np.abs(motion(0.0, order) - before)
         finite = np.where(np.isfinite(own), own, np.finfo(float).max)
-        worst, excess = _worst_of(size[None], finite, np.zeros(1), order)
+        worst, excess = worst_of(size[None], finite, np.zeros(1), order)
         jumps.append(worst)
         if excess > 1:
             flaws.append(_say(problem, worst, f"{_JUMP_WORDS[order][:-3]} at the hand-over by"))
@@ -333,7 +333,7 @@ def _counted(problem: Problem) -> Problem:
     return replace(problem, limits=problem.limits.of_segments(numbers))
 
 
-def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
+def check_sizes(problem: Problem, trajectory: Trajectory) -> None:
     check_problem(problem)
     for key in problem.demands:
         if key not in _JUDGED:
@@ -345,15 +345,22 @@ def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
             f"expected a trajopt.Trajectory, got {shown(trajectory)}: `judge` takes SciPy's "
             "splines, and Trajectory.from_ppoly(spline, waypoint_times) makes one"
         )
+    if fits(problem, trajectory):
+        return
     if trajectory.joints != problem.joints:
         raise InvalidTrajectory(f"{trajectory.joints} joints; the problem has {problem.joints}")
-    if len(trajectory.waypoint_times) != len(problem.waypoints):
-        given = len(trajectory.waypoint_times)
-        needed = len(problem.waypoints)
-        raise InvalidTrajectory(
-            f"{given} waypoint times; the problem has {needed} waypoints: give waypoint_times, "
-            "or let `judge` find them"
-        )
+    given = len(trajectory.waypoint_times)
+    needed = len(problem.waypoints)
+    raise InvalidTrajectory(
+        f"{given} waypoint times; the problem has {needed} waypoints: give waypoint_times, "
+        "or let `judge` find them"
+    )
+
+
+def fits(problem: Problem, trajectory: Trajectory) -> bool:
+    """Return whether a motion has as many joints and waypoints as a problem."""
+    count = len(trajectory.waypoint_times)
+    return trajectory.joints == problem.joints and count == len(problem.waypoints)
 
 
 def _judged(
@@ -440,7 +447,7 @@ def _judged(
 def _missed(
     problem: Problem,
     trajectory: Trajectory,
-    allowed: _Allowed,
+    allowed: Allowed,
     begins: float = 0.0,
     *,
     at_rest: bool = True,
@@ -672,12 +679,12 @@ def _worst_leave(problem: Problem, rest: dwell.Part, allowed: Array) -> tuple[Wo
     points = polynomials.critical_points(flat)
     values = np.abs(polynomials.evaluate(flat[:, None], points)).max(axis=0)
     errors = values.reshape(away.shape[1:])
-    return _worst_of(errors, allowed, rest.begins + rest.motion.breaks)
+    return worst_of(errors, allowed, rest.begins + rest.motion.breaks)
 
 
 @dataclass(frozen=True)
-class _Allowed:
-    """The largest errors of each joint that are repaired, `(joints,)` each.
+class Allowed:
+    """The largest errors of each joint that are repaired, `(…, joints)` each.
 
     Attributes:
         waypoint: miss of a waypoint, rad.
@@ -692,14 +699,41 @@ class _Allowed:
     jumps: tuple[Array, Array, Array]
 
 
-def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
+def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> Allowed:
     limits = problem.limits.in_all_segments()
-    largest = problem.largest_displacements
-    coordinates = problem.rounding
+    sizes = (np.abs(own).min(axis=1) for own in (limits.velocity, limits.acceleration, limits.jerk))
+    return allowed_errors(
+        *sizes,
+        smooth=limits.smooth,
+        largest=problem.largest_displacements,
+        coordinates=problem.rounding,
+        duration=duration,
+        tolerance=tolerance,
+    )
 
-    V = np.abs(limits.velocity).min(axis=1)
-    A = np.abs(limits.acceleration).min(axis=1)
-    J = np.abs(limits.jerk).min(axis=1)
+
+def allowed_errors(
+    V: Array,
+    A: Array,
+    J: Array,
+    *,
+    smooth: Indices,
+    largest: Array,
+    coordinates: Array,
+    duration: Array | float,
+    tolerance: Tolerance,
+) -> Allowed:
+    """Return the largest errors that are repaired, of one motion or of several.
+
+    Args:
+        V: The smaller side of the velocity limit, `(joints,)` or `(motions, joints)`, as all that
+            follows: of the acceleration limit `A`, of the jerk limit `J`.
+        smooth: The highest derivative that must be continuous.
+        largest: Displacement, rad.
+        coordinates: Rounding of the waypoints, rad.
+        duration: s; `(motions, 1)`.
+        tolerance: The largest misses and jumps that are repaired.
+    """
     reached_velocity = np.minimum(V, np.sqrt(A * largest))
     root = np.cbrt(J)
     from_jerk = root**2 * np.cbrt(largest)
@@ -709,9 +743,9 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
     position_jump = tolerance.position * largest + coordinates + rounded * V
     velocity_jump = tolerance.jump * reached_velocity + rounded * A
     acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
-    acceleration_jump = np.where(limits.smooth >= 2, acceleration_jump, np.inf)
+    acceleration_jump = np.where(smooth >= 2, acceleration_jump, np.inf)
     bridge = tolerance.bridge
-    return _Allowed(
+    return Allowed(
         waypoint=tolerance.position * largest + coordinates,
         position_limit=tolerance.position_limit * largest + coordinates,
         blur=tolerance.position * largest + 4 * coordinates,
@@ -727,7 +761,7 @@ def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tup
     """Return the worst miss of a waypoint, and its ratio to the allowed miss."""
     passed = trajectory(trajectory.waypoint_times)
     errors = np.abs(passed - problem.waypoints)
-    return _worst_of(errors, allowed, trajectory.waypoint_times)
+    return worst_of(errors, allowed, trajectory.waypoint_times)
 
 
 def _worst_jump(
@@ -739,7 +773,7 @@ def _worst_jump(
     states that the route demands. A closed motion is continued by itself.
     """
     jumps = _jumps(problem, trajectory, order, at_rest)
-    return _worst_of(jumps, allowed, trajectory.breaks, order)
+    return worst_of(jumps, allowed, trajectory.breaks, order)
 
 
 def _jumps(problem: Problem, trajectory: Trajectory, order: int, at_rest: bool) -> Array:
@@ -762,10 +796,10 @@ def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """Return the largest rounding of a joint's position, and its ratio to the allowed one."""
     units = (trajectory.pieces(0, some) for some in trajectory.blocks())
     rounding = np.concatenate([polynomials.evaluation_rounding(unit) for unit in units])
-    return _worst_of(rounding, allowed, trajectory.breaks)
+    return worst_of(rounding, allowed, trajectory.breaks)
 
 
-def _worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tuple[Worst, float]:
+def worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tuple[Worst, float]:
     """Return the error with the largest ratio to the allowed one, and that ratio.
 
     An error that is NaN has an infinite ratio (`argmax` finds it).

@@ -28,10 +28,11 @@ from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import (
     OUT_OF_MEMORY,
     Answers,
+    Asked,
     Entrant,
     Trial,
     crash,
-    judged,
+    judged_many,
     now,
     unanswered,
 )
@@ -150,14 +151,11 @@ def judge_here(
     requests: Sequence[Request], every: Sequence[Answers], started: str
 ) -> list[Written]:
     """Verify the answers to some requests in this process, and store the trials together."""
-    trials = [
-        trial
+    asked = [
+        Asked(own.entrant, own.problem, own.seeds, answers, own.allowed.as_dict())
         for own, answers in zip(requests, every, strict=True)
-        for trial in judged(
-            own.entrant, own.problem, own.seeds, answers, started, own.allowed.as_dict()
-        )
     ]
-    return requests[0].store.write_all(trials, instead=_lost)
+    return requests[0].store.write_all(judged_many(asked, started), instead=_lost)
 
 
 def record(request: Request, status: Status, message: str) -> list[Written]:

@@ -12,7 +12,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -299,7 +299,12 @@ class Store:
         found = Seen()
         stamps = {path: _stamp(path) for path in paths}
         counts = Counter[bool]()
-        for path, (trial, text) in _each(paths, _of_asked(asked), _pass):
+        read = list(_each(paths, _of_asked(asked), _pass))
+        judged = _judged([(path, trial) for path, (trial, _) in read if trial is not None])
+        for path, (stated, text) in read:
+            trial = judged.get(path)
+            if stated is not None and trial is None:  # it cannot be judged: it runs again
+                continue
             holds = trial is None or not trial.differences
             counts[holds] += trial is not None
             if holds:
@@ -473,7 +478,7 @@ def read(path: Path | str) -> list[Trial]:
         StoreError: The file is missing, damaged, or from another version; a damaged file in a
             folder is left out with a warning (`DamagedFile`).
     """
-    found = list(map(verdicts.judged, recorded(Path(path))))
+    found = verdicts.judged_many(list(recorded(Path(path))))
     _warn_of_unheld(path, sum(bool(trial.differences) for trial in found), len(found))
     return found
 
@@ -602,13 +607,26 @@ def _trial_files(folder: Path) -> list[Path]:
 def _of_asked(
     asked: Container[str] | None,
 ) -> Callable[[bytes], tuple[Trial | None, bytes]]:
-    """Return what reads and judges the trials that are asked for, and no other."""
+    """Return what reads the trials that are asked for, and no other."""
 
     def use(text: bytes) -> tuple[Trial | None, bytes]:
         is_asked = asked is None or trial_text.stated_id(text) in asked
-        return verdicts.judged(trial_text.read(text)) if is_asked else None, text
+        return trial_text.read(text) if is_asked else None, text
 
     return use
+
+
+def _judged(read: Sequence[tuple[Path, Trial]]) -> dict[Path, Trial]:
+    """Return the judged trials by their files, but for those that no judge can judge."""
+    try:
+        trials = verdicts.judged_many([trial for _, trial in read])
+        return {path: trial for (path, _), trial in zip(read, trials, strict=True)}
+    except Exception:  # one of them: the others are judged all the same
+        found = {}
+        for path, trial in read:
+            with suppress(Damaged), _reading(path):
+                found[path] = verdicts.judged(trial)
+        return found
 
 
 def _both(text: bytes) -> tuple[Trial, bytes]:

@@ -117,7 +117,7 @@ def verification(path: Path | str, references: References | None = None) -> Veri
     damaged: list[Damaged] = []
     pairs = list(texts(Path(path), damaged.append))
     pairs.sort(key=lambda pair: (pair[0].problem.name, pair[0].label, pair[0].seed))
-    anew = [verdicts.again(trial) for trial, _ in pairs]
+    anew = verdicts.again_many([trial for trial, _ in pairs])
     found = _all_checked([trial for trial, _ in pairs], anew)
     for error in damaged:
         found.append(CheckedTrial(error.path.stem, differences=(str(error),)))
@@ -128,7 +128,7 @@ def verification(path: Path | str, references: References | None = None) -> Veri
 
 def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
     """Compute trials again; a bound must not exceed a certified duration of its problem."""
-    return _all_checked(trials, [verdicts.again(trial) for trial in trials])
+    return _all_checked(trials, verdicts.again_many(trials))
 
 
 def _all_checked(trials: Sequence[Trial], anew: Sequence[Trial]) -> list[CheckedTrial]:

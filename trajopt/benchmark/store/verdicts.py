@@ -7,6 +7,7 @@ cache says of a verdict may be anybody's.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.benchmark.store import proofs
-from trajopt.benchmark.trial import Trial, verdict
+from trajopt.benchmark.trial import Trial, verdicts
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import KINDS
 from trajopt.core.solution import Status
@@ -51,6 +52,11 @@ def judged(then: Trial, computed: Trial | None = None) -> Trial:
     return with_motion(named, now.certificate)
 
 
+def judged_many(trials: Sequence[Trial]) -> list[Trial]:
+    """Return what `judged` does of each trial; their motions are verified together."""
+    return [judged(then, now) for then, now in zip(trials, again_many(trials), strict=True)]
+
+
 def with_motion(trial: Trial, computed: Certificate | None) -> Trial:
     """Return a trial whose stated certificate has the motion of the computed one."""
     if trial.certificate is None or computed is None:
@@ -61,8 +67,16 @@ def with_motion(trial: Trial, computed: Certificate | None) -> Trial:
 
 def again(trial: Trial) -> Trial:
     """Return a trial with the verdict computed from its problem and solution."""
-    status, message, certificate = verdict(trial.problem, trial.solution)
-    return replace(trial, status=status, message=message, certificate=certificate)
+    return again_many([trial])[0]
+
+
+def again_many(trials: Sequence[Trial]) -> list[Trial]:
+    """Return what `again` does of each trial; their motions are verified together."""
+    found = verdicts([(trial.problem, trial.solution) for trial in trials])
+    return [
+        replace(trial, status=status, message=message, certificate=certificate)
+        for trial, (status, message, certificate) in zip(trials, found, strict=True)
+    ]
 
 
 def changed(then: Trial, now: Trial) -> list[str]:
