@@ -374,7 +374,7 @@ def test_what_a_file_of_limits_says_in_vain(run):
     code, _, err = run(f"plan w.csv {ROBOT} --out motion.json")
     assert (code, err.count("\n")) == (0, 3)
     assert "limits.yaml: cartesian_limits is left out: of the tool's limits, that" in err
-    assert "limits.yaml: max_effort is left out: torques are not" in err
+    assert "limits.yaml: max_effort is left out: torques have a name of their own" in err
     assert "left out, as robot.urdf has no such joint: onne, gripper" in err
     alone = "joint_limits:\n  onne: {max_velocity: 3}\n  two: {max_velocity: 3}\n"
     Path("limits.yaml").write_text(alone, encoding="utf-8")
@@ -455,9 +455,9 @@ def test_new_writes_waypoints_in_their_unit(run):
 # --- cannot, and what to do instead ---
 
 ELSEWHERE = {
-    "torque": "torques are not",
-    "max_torque": "torques are not",
-    "effort_limits": "torques are not",
+    "max_torque": "torques have a name of their own",
+    "effort_limits": "torques have a name of their own",
+    "payload_mass": "masses have places of their own",
     "tcp_speed": "of the tool's limits, that of its speed is",
     "cartesian_velocity": "of the tool's limits, that of its speed is",
     "obstacles": "obstacles are not",
@@ -546,7 +546,7 @@ def test_help_is_a_command(run):
     _, out, err = run("help")
     assert err == ""
     words = " ".join(out.split())
-    assert "Not in scope: obstacles, torques, orientation." in words
+    assert "Not in scope: obstacles, orientation." in words
     assert max(map(len, out.splitlines())) <= 80
 
 
@@ -614,6 +614,29 @@ def test_a_tool_speed_on_the_command_line(run):
     assert code == 2
     code, out, _ = run("plan robots-ur5e-w4 --tool-speed 1 --planner exact")
     assert (code, "it does not know tool speed limits" in out) == (1, True)
+
+
+def test_torques_on_the_command_line(run):
+    """A share of the URDF's efforts, a payload, and a line where there is nothing to weigh."""
+    mass = '<inertial><mass value="2"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+    text = ARM.replace('<link name="tool"/>', f'<link name="tool">{mass}</inertial></link>')
+    Path("arm.urdf").write_text(text.replace('velocity="2"', 'velocity="2" effort="8"'))
+    Path("w.csv").write_text("one,two\n0,0\n1,0\n", encoding="utf-8")
+    flags = "--urdf arm.urdf --acceleration 2"
+    # both axes are upright: 2 kg at 1 m, and as much again, with the torque of joint one alone
+    for more, torque in (("", 4.0), (" --payload 2", 8.0)):
+        code, out, err = run(f"plan w.csv {flags} --torque 50%{more} --planner along --json")
+        assert code == 0, err
+        told = json.loads(out)
+        acceleration = 4 * 2 / torque
+        assert told["certified_duration"] == pytest.approx(2 / acceleration**0.5, rel=1e-3)
+    code, _, err = run(f"plan w.csv {flags} --payload 2")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--payload is 2.0: expected a limit that it weighs on" in err
+    Path("arm.urdf").write_text(ARM, encoding="utf-8")
+    code, _, err = run(f"plan w.csv {flags} --torque urdf")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "mass behind two is 0: expected a link with a mass" in err
 
 
 def test_a_tool_speed_of_joints_without_frames_gets_a_line(run):

@@ -652,5 +652,5 @@ def test_arguments_that_nobody_has():
             Limits(**{names: [1.0], "acceleration": [1.0]})
     with pytest.raises(InvalidInput, match=r"limits\.velocity: expected this limit; it is missing"):
         Limits(acceleration=[1.0])
-    with pytest.raises(InvalidInput, match="torques are not in this tool"):
-        Limits([1.0], [1.0], torque=[3.0])
+    with pytest.raises(InvalidInput, match="torques have a name of their own in this tool"):
+        Limits([1.0], [1.0], max_torque=[3.0])

@@ -72,10 +72,10 @@ def test_the_worst_use_is_that_of_dense_samples(kind, seed):
     times = np.concatenate(
         [start + shares * length for start, length in zip(own.breaks, own.lengths, strict=False)]
     )
-    sampled = limit.use(own, times)
+    sampled = limit.along(own, times)[None]
     assert use.value >= sampled.max() * (1 - 1e-12) - 1e-12
     assert use.value <= sampled.max() * (1 + 1e-6)
-    assert limit.use(own, np.array([use.time])) == pytest.approx(use.value, rel=1e-6)
+    assert limit.along(own, np.array([use.time]))[None] == pytest.approx(use.value, rel=1e-6)
 
 
 def test_a_tool_at_its_limit_all_the_time_is_judged_exactly():

@@ -232,6 +232,10 @@ waypoints = [[0], [1], [-1]]
 units = {waypoints = "rad", limits = "rad"}
 """
 FRAME = "origins = [[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]], axes = [[0, 0, 1]], slides = [0]"
+BODY = (
+    "mass = [2.0], centre = [[0.3, 0, 0]], inertia = [[0, 0, 0, 0, 0, 0]], damping = [0.1], "
+    "friction = [0.2], gravity = [0, 0, -9.81]"
+)
 OF_KIND = {  # what a table of limits says, and another value
     **dict.fromkeys(("velocity", "acceleration", "jerk"), ("[2.0]", "[1.0]")),
     "position": ("[[-3, 3]]", "[[-2, 2]]"),
@@ -243,6 +247,7 @@ OF_KIND = {  # what a table of limits says, and another value
         f"{{speed = 0.5, {FRAME}, tool = [0.3, 0, 0]}}",
         f"{{speed = 0.4, {FRAME}, tool = [0.3, 0, 0]}}",
     ),
+    "torque": (f"{{torque = [5.0], {FRAME}, {BODY}}}", f"{{torque = [4.0], {FRAME}, {BODY}}}"),
 }
 
 

@@ -1,21 +1,24 @@
-"""Does the judge find the peak of a tool's speed, whatever the arm and the motion?
+"""Does the judge find the peak of a tool's speed and of torques, whatever the arm and the motion?
 
-Random arms of turning and sliding joints about any axes, with random motions of cubic and quintic
-pieces: the speed is compared with Pinocchio's at samples, the peak with that of dense samples.
+Random arms of turning and sliding joints about any axes, with random masses and random motions of
+cubic and quintic pieces: speeds and torques are compared with Pinocchio's at samples, the peaks
+with those of dense samples.
 
     python tests/soak.py arms
 """
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from dataclasses import replace
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
 
 from trajopt.core.arrays import Array
+from trajopt.core.bodies import Masses, body, described
 from trajopt.core.chain import LinkChain, origin_poses
-from trajopt.core.limits import ToolSpeed
+from trajopt.core.limits import ToolSpeed, Torque
 from trajopt.core.trajectory import Trajectory
 
 _SAMPLES = 2_000
@@ -37,11 +40,15 @@ class Tried(NamedTuple):
 
 def main(count: Annotated[int, Parameter(help="Arms.")] = 1000, *, quick: bool = False) -> None:
     """Try random arms, and print the largest differences."""
-    found = [tried(seed) for seed in range(30 if quick else count)]
-    apart, above = np.array(found).T
-    print(f"{len(found)} arms; speeds differ from Pinocchio's by {apart.max():.1e} at most;")
-    print(f"peaks are above those of {_SAMPLES} samples by {above.min():.1e} to {above.max():.1e}")
-    if apart.max() > 1e-12 or above.min() < -1e-12:
+    wrong = False
+    for what, judged in {"speeds": tried, "torques": tried_torque}.items():
+        found = [judged(seed) for seed in range(30 if quick else count)]
+        apart, above = np.array(found).T
+        print(f"{len(found)} arms; {what} differ from Pinocchio's by {apart.max():.1e} at most;")
+        over = f"{above.min():.1e} to {above.max():.1e}"
+        print(f"their peaks are above those of {_SAMPLES} samples by {over}")
+        wrong |= bool(apart.max() > 1e-12 or above.min() < -1e-12)
+    if wrong:
         raise SystemExit(1)
 
 
@@ -60,6 +67,60 @@ def tried(seed: int) -> Tried:
     return Tried(float(apart / peak), limit.worst(motion).value / peak - 1)
 
 
+def tried_torque(seed: int) -> Tried:
+    """Judge the torques of a random motion of a random arm with random masses."""
+    rng = np.random.default_rng([10, seed])
+    joints = int(rng.integers(1, 8))
+    chain = _loaded(rng, _chain(rng, joints))
+    motion = _motion(rng, joints)
+    limit = Torque.read(rng.uniform(20, 200, joints).tolist(), joints).for_chain(chain)
+    assert isinstance(limit, Torque)
+    masses = chain.known_masses("masses", None)
+    shares = np.linspace(_AT_ENDS, 1 - _AT_ENDS, _SAMPLES // len(motion.lengths))
+    times = np.ravel(motion.breaks[:-1, None] + shares * motion.lengths[:, None])
+    uses = limit.along(motion, times)
+    peak = max(float(own.max()) for own in uses.values())
+    apart = 0.0
+    for at in times[:: _SAMPLES // _COMPARED]:
+        q, v, a = (motion(at, order) for order in range(3))
+        expected = torques(chain, q, v, a) + masses.damping * v
+        expected += masses.friction * np.sign(v)
+        own = np.array([float(limit.along(motion, np.array([at]))[k][0]) for k in range(joints)])
+        apart = max(apart, np.abs(np.abs(expected) / limit.column("torque") - own).max())
+    return Tried(float(apart / peak), limit.worst(motion).value / peak - 1)
+
+
+def _loaded(rng: np.random.Generator, chain: LinkChain) -> LinkChain:
+    """Give the links random masses, and the drives friction."""
+    bodies = []
+    for _ in range(chain.joints):
+        points = rng.normal(size=(3, 6)) * 0.1
+        spread = points @ points.T
+        inertia = np.trace(spread) * np.eye(3) - spread
+        centre = rng.uniform(-0.2, 0.2, 3)
+        numbers = inertia[np.triu_indices(3)].tolist()
+        bodies.append(body(float(rng.uniform(0.1, 5)), centre.tolist(), numbers))
+    damping = rng.choice([0.0, 1.0], chain.joints)
+    friction = rng.choice([0.0, 1.0], chain.joints, p=[0.8, 0.2])
+    unknown = np.full(chain.joints, np.nan)
+    return replace(chain, masses=Masses(np.array(bodies), damping, friction, unknown))
+
+
+def torques(chain: LinkChain, q: Array, v: Array, a: Array) -> Array:
+    """Return Pinocchio's torques without friction, N m, `(joints,)`."""
+    import pinocchio
+
+    model, _ = _model(chain)
+    for joint, own in enumerate(chain.known_masses("masses", None).bodies):
+        mass, *numbers = described(own)
+        tensor = np.zeros((3, 3))
+        tensor[np.triu_indices(3)] = numbers[3:]
+        tensor += tensor.T - np.diag(tensor.diagonal())
+        inertia = pinocchio.Inertia(mass, np.array(numbers[:3]), tensor)
+        model.appendBodyToJoint(joint + 1, inertia, pinocchio.SE3.Identity())
+    return np.asarray(pinocchio.rnea(model, model.createData(), q, v, a))
+
+
 def _chain(rng: np.random.Generator, joints: int) -> LinkChain:
     axes = rng.normal(size=(joints, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -76,7 +137,8 @@ def _motion(rng: np.random.Generator, joints: int) -> Trajectory:
     return Trajectory(breaks, coefficients, breaks[[0, -1]])
 
 
-def _speeds(chain: LinkChain, motion: Trajectory, times: Array) -> Array:
+def _model(chain: LinkChain) -> tuple[Any, int]:
+    """Return Pinocchio's model of a chain, and its frame of the tool."""
     import pinocchio
 
     model = pinocchio.Model()
@@ -89,6 +151,13 @@ def _speeds(chain: LinkChain, motion: Trajectory, times: Array) -> Array:
         parent = model.addJoint(parent, moves, pinocchio.SE3(origin), f"joint {joint}")
     kind = pinocchio.FrameType.OP_FRAME
     frame = model.addFrame(pinocchio.Frame("tool", parent, 0, pinocchio.SE3(chain.tool), kind))
+    return model, frame
+
+
+def _speeds(chain: LinkChain, motion: Trajectory, times: Array) -> Array:
+    import pinocchio
+
+    model, frame = _model(chain)
     data = model.createData()
     found = []
     for q, v in zip(motion(times), motion(times, 1), strict=True):

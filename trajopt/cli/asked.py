@@ -50,10 +50,13 @@ class RobotOptions:
         float | None, number("Acceleration limit of joints without one, rad/s^2 (m/s^2).", above=0)
     ] = None
     no_unwrap: bool = False
+    payload: Annotated[
+        float | None, number("Mass at the tool, kg, for limits of torque.", above=0)
+    ] = None
 
     @property
-    def numbers(self) -> dict[str, float]:
-        """Return the limits that are one number, by key (`Limit.flag`)."""
+    def numbers(self) -> dict[str, float | str]:
+        """Return the limits that are one number or text, by key (`Limit.flag`)."""
         stated = {key: getattr(self, key, None) for key in _FLAGS}
         return {key: number for key, number in stated.items() if number is not None}
 
@@ -74,7 +77,8 @@ class RobotOptions:
     def said(self) -> dict[str, object]:
         """Return all flags that were given, with their values."""
         numbers = {f"--{key.replace('_', '-')}": own for key, own in self.numbers.items()}
-        return {**self.of_waypoints, **numbers}
+        carried = {} if self.payload is None else {"--payload": self.payload}
+        return {**self.of_waypoints, **carried, **numbers}
 
 
 MotionUnit = Annotated[
@@ -88,7 +92,12 @@ _FLAGS = {key: kind.flag for key, kind in KINDS.items() if kind.flag}
 
 def _with_numbers() -> type[RobotOptions]:
     """Return the flags with an option for each kind of limit that is one number."""
-    hints = {key: Annotated[float | None, number(words, above=0)] for key, words in _FLAGS.items()}
+    hints: dict[str, Any] = {}
+    for key, words in _FLAGS.items():
+        if KINDS[key].flag_is_text:
+            hints[key] = Annotated[str | None, Parameter(help=words)]
+        else:
+            hints[key] = Annotated[float | None, number(words, above=0)]
     members = {"__annotations__": hints, "__module__": __name__, **dict.fromkeys(hints)}
     return dataclass(frozen=True)(type("RobotFlags", (RobotOptions,), members))
 
@@ -98,6 +107,7 @@ if TYPE_CHECKING:
 else:
     RobotFlags = Annotated[_with_numbers(), Parameter(name="*", group=ROBOT)]
 NO_FLAGS = RobotOptions()
+_PAYLOAD = "a limit that it weighs on beside it, as --torque urdf"
 
 
 def file(name_or_path: str) -> Path | None:
@@ -127,10 +137,15 @@ def problems(names: Sequence[str], robot: RobotOptions) -> list[Problem]:
 def with_numbers(problem: Problem, robot: RobotOptions) -> Problem:
     """Return a problem with the limits that are one number, in place of its own of these kinds."""
     if not robot.numbers:
+        if robot.payload is not None:
+            raise InvalidInput("--payload", _PAYLOAD, value=robot.payload)
         return problem
     limits: dict[str, Any] = {**problem.limits.kinds, **robot.numbers}
     try:
-        return replace(problem, limits=Limits(**limits), chain=catalogue.chain(problem))
+        chain = catalogue.chain(problem)
+        if chain is not None and robot.payload is not None:
+            chain = chain.carrying({"mass": robot.payload})
+        return replace(problem, limits=Limits(**limits), chain=chain)
     except InvalidInput as error:
         raise error.in_file(problem.name) from None
 
@@ -251,7 +266,9 @@ def robot_limits(name: str, robot: RobotOptions) -> RobotLimits:
         raise InvalidInput("joint_limits", right, file=found.source)
     if robot.acceleration is not None:
         found = found.with_acceleration(robot.acceleration)
-    return replace(found, stated=robot.numbers)
+    if robot.payload is not None and not robot.numbers:
+        raise InvalidInput("--payload", _PAYLOAD, value=robot.payload)
+    return replace(found, stated=robot.numbers, payload=robot.payload)
 
 
 def units(name_or_path: str, robot: RobotOptions) -> Sequence[str]:

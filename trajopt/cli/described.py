@@ -103,6 +103,7 @@ def _arm(name: str) -> dict[str, Any]:
         "joint_names": list(arm.joint_names),
         "limits": {kind: origin.status for kind, origin in arm.origins.items()},
         "link_frames": arm.chain_origin.status if arm.chain_origin else None,
+        "masses": arm.dynamics_origin.status if arm.dynamics_origin else None,
     }
 
 

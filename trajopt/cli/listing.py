@@ -186,6 +186,8 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> PlainTable:
         origins = [f"{kind} ({status})" for kind, status in arm["limits"].items()]
         if arm["link_frames"]:
             origins.append(f"link frames ({arm['link_frames']})")
+        if arm["masses"]:
+            origins.append(f"masses and torques ({arm['masses']})")
         name = console.bold(arm["name"])
         joints = len(arm["joint_names"])
         table.row(name, joints, ", ".join(origins))

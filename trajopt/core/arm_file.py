@@ -26,6 +26,16 @@ axis = [[0, 0, 1], ...]
 tool_xyz = [0, 0, 0.1]                       # optional, behind the last joint; tool_rpy too
 status = "configuration"
 source = "a model of the arm"
+
+[dynamics]                                   # optional: what each joint moves (`core.bodies`)
+mass = [3.7, ...]                            # kg
+centre = [[0, 0, 0.1], ...]                  # its centre of mass in the joint's frame, m
+inertia = [[0.01, 0, 0, 0.01, 0, 0.01], ...] # about it, kg m²: xx, xy, xz, yy, yz, zz
+damping = [0, ...]                           # optional, viscous, N m s/rad
+effort = [150, ...]                          # optional, the drives' largest torques, N m
+payload = 5                                  # optional, what it may carry, kg
+status = "configuration"
+source = "a model of the arm"
 """
 
 from __future__ import annotations
@@ -37,7 +47,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from trajopt.core import built_in, chain, files
+from trajopt.core import bodies, built_in, chain, files
 from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.limits import KINDS, Limit, Limits
@@ -84,6 +94,7 @@ class Arm:
         origins: The origin of each kind of limit.
         chain: Its link frames; None where none are known.
         chain_origin: Where these come from.
+        dynamics_origin: Where its masses and torques (`LinkChain.masses`) come from.
     """
 
     name: str
@@ -93,6 +104,7 @@ class Arm:
     origins: Mapping[str, LimitOrigin]
     chain: LinkChain | None = None
     chain_origin: LimitOrigin | None = None
+    dynamics_origin: LimitOrigin | None = None
 
 
 def arm_files() -> dict[str, Path]:
@@ -112,7 +124,7 @@ def read(name_or_path: str) -> Arm:
 
 
 def _arm(table: Mapping[str, Any]) -> Arm:
-    known = (*_REQUIRED, "joint_names", "chain", *KINDS)
+    known = (*_REQUIRED, "joint_names", "chain", "dynamics", *KINDS)
     files.check_keys("", table, known, _REQUIRED)
     given = [key for key in KINDS if key in table]
     values = {key: _values(key, table[key]) for key in given}
@@ -125,14 +137,19 @@ def _arm(table: Mapping[str, Any]) -> Arm:
     if stated is not None:
         required = ("status", "source", *chain.REQUIRED)
         files.check_keys("chain.", stated, (*chain.KEYS, *_TEXTS), required)
+    moved = table.get("dynamics")
+    if moved is not None:
+        required = ("status", "source", *bodies.REQUIRED)
+        files.check_keys("dynamics.", moved, (*bodies.KEYS, *_TEXTS), required)
     return Arm(
         name=files.text_at(table, "name"),
         description=files.text_at(table, "description"),
         joint_names=tuple(names),
         limits=limits,
         origins={key: _origin(key, table[key]) for key in given},
-        chain=None if stated is None else LinkChain.read(stated, limits.joints),
+        chain=None if stated is None else LinkChain.read(stated, limits.joints, moved=moved),
         chain_origin=None if stated is None else _origin("chain", stated),
+        dynamics_origin=None if moved is None else _origin("dynamics", moved),
     )
 
 

@@ -8,18 +8,23 @@ the special case of an axis z.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trajopt.core.arrays import Array, Bools
+from trajopt.core.bodies import Masses
 from trajopt.core.exceptions import InvalidInput
 
 KEYS = ("xyz", "rpy", "axis", "tool_xyz", "tool_rpy")
 """The keys of a chain in a robot's file; those of the tool are optional."""
 REQUIRED = KEYS[:3]
+UNKNOWN_MASSES = (
+    "an arm whose masses are known: a robot's (`trajopt list robots` says which), a URDF's with "
+    "<inertial>, or [dynamics] of a problem file"
+)
 _ROUNDING = 1e-15
 """Entries of rotations that are smaller are rounded zeros: a tool's place changes by 1e-15 m."""
 
@@ -34,15 +39,20 @@ class LinkChain:
         axes: Unit vectors in each joint's own frame, `(joints, 3)`.
         slides: Which joints slide along their axes, `(joints,)`; the others turn about them.
         tool: Pose of the tool in the last joint's frame, m, `(4, 4)`.
+        masses: What the joints move; None where that is not known, or the error of what a file
+            states, which is raised where they are needed.
     """
 
     origins: Array
     axes: Array
     slides: Bools
     tool: Array = field(default_factory=partial(np.eye, 4))
+    masses: Masses | InvalidInput | None = None
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
+            if key == "masses":
+                continue
             array = np.array(value, dtype=bool if key == "slides" else float)
             array.setflags(write=False)
             object.__setattr__(self, key, array)
@@ -50,6 +60,28 @@ class LinkChain:
     @property
     def joints(self) -> int:
         return len(self.axes)
+
+    def carrying(self, payload: Mapping[str, Any]) -> LinkChain:
+        """Return the chain with a payload at its tool (`Masses.carrying`).
+
+        Raises:
+            InvalidInput: The masses of the arm are not known, or it cannot carry that.
+        """
+        masses = self.known_masses("payload", payload.get("mass"))
+        return replace(self, masses=masses.carrying(payload, self.tool))
+
+    def known_masses(self, key: str, value: Any) -> Masses:
+        """Return what the joints move.
+
+        Raises:
+            InvalidInput: That is not known, which the error says of this key and value; or it is
+                the error of what a file states.
+        """
+        if isinstance(self.masses, InvalidInput):
+            raise self.masses
+        if self.masses is None:
+            raise InvalidInput(key, UNKNOWN_MASSES, value=value)
+        return self.masses
 
     def frames(self, q: Any) -> Array:
         """Return the poses of all links and of the tool, m, `(…, joints + 1, 4, 4)`.
@@ -87,15 +119,15 @@ class LinkChain:
             turn, shift = self.origins[joint, :3, :3], self.origins[joint, :3, 3].tolist()
             if self.slides[joint]:
                 axis = self.axes[joint].tolist()
-                place = _plus(place, [q[joint] * own for own in axis])
-                speed = _plus(speed, [v[joint] * own for own in axis])
+                place = plus(place, [q[joint] * own for own in axis])
+                speed = plus(speed, [v[joint] * own for own in axis])
             else:
                 cross = self._crosses[joint]
-                lever = _applied(cross, place)
-                speed = _plus(speed, [v[joint] * own for own in lever])
+                lever = applied(cross, place)
+                speed = plus(speed, [v[joint] * own for own in lever])
                 sine, cosine = np.sin(q[joint]), np.cos(q[joint])
                 place, speed = (_turned(cross, sine, cosine, own) for own in (place, speed))
-            place, speed = _plus(_applied(turn, place), shift), _applied(turn, speed)
+            place, speed = plus(applied(turn, place), shift), applied(turn, speed)
         return place, speed
 
     @property
@@ -141,7 +173,13 @@ class LinkChain:
         return cls(_matrix(rows), axes, np.zeros(len(a), dtype=bool))
 
     @classmethod
-    def read(cls, table: Mapping[str, Any], joints: int, slides: Bools | None = None) -> LinkChain:
+    def read(
+        cls,
+        table: Mapping[str, Any],
+        joints: int,
+        slides: Bools | None = None,
+        moved: Mapping[str, Any] | None = None,
+    ) -> LinkChain:
         """Return the chain that a file of a robot or a problem states.
 
         Args:
@@ -149,6 +187,7 @@ class LinkChain:
                 and the `<axis>` of a URDF; and `tool_xyz`, `tool_rpy` where there is a tool.
             joints: How many joints the robot has.
             slides: Which of them slide, `(joints,)`; by default all turn.
+            moved: `[dynamics]` of the file, as `Masses.read` takes it, where it has that.
 
         Raises:
             InvalidInput: Names the key, the joint, the value, and what would be right.
@@ -160,7 +199,8 @@ class LinkChain:
             at, turned = (_triples(key, [v], 1) for key, v in zip(KEYS[3:], own, strict=True))
             tool = origin_poses(at, turned)[0]
         slides = np.zeros(joints, dtype=bool) if slides is None else slides
-        return cls(origin_poses(xyz, rpy), unit_axes("chain.axis", axis), slides, tool)
+        masses = None if moved is None else Masses.read(moved, joints)
+        return cls(origin_poses(xyz, rpy), unit_axes("chain.axis", axis), slides, tool, masses)
 
 
 class JointFrame(NamedTuple):
@@ -172,6 +212,12 @@ class JointFrame(NamedTuple):
         axis: Unit vector in its own frame, `(3,)`.
         slides: Whether it slides; else it turns.
         tool: Pose of what is fixed behind it, in its own frame, m, `(4, 4)`.
+        body: What is fixed to it, in its own frame (`trajopt.core.bodies`), `(4, 4)`; None where
+            that is not known, or the error of what a file states.
+        damping: Viscous friction, N m s/rad (N s/m).
+        friction: Coulomb friction, N m (N).
+        effort: The largest torque, N m, or force, N, of its drive; NaN where it is not known.
+        payload: The largest mass that the arm may carry, kg.
     """
 
     before: str | None
@@ -179,6 +225,11 @@ class JointFrame(NamedTuple):
     axis: Array
     slides: bool
     tool: Array
+    body: Array | InvalidInput | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    effort: float = np.nan
+    payload: float = np.inf
 
 
 def frames_of(chain: LinkChain | None, names: Sequence[str]) -> dict[str, JointFrame]:
@@ -186,12 +237,24 @@ def frames_of(chain: LinkChain | None, names: Sequence[str]) -> dict[str, JointF
     if chain is None:
         return {}
     tools = [np.eye(4)] * (chain.joints - 1) + [chain.tool]
-    return {
+    found = {
         name: JointFrame(before, *own)
         for before, name, *own in zip(
             (None, *names), names, chain.origins, chain.axes, chain.slides, tools, strict=False
         )
     }
+    masses = chain.masses
+    if isinstance(masses, Masses):
+        columns = masses.bodies, masses.damping, masses.friction, masses.effort
+        for name, body, damping, friction, effort in zip(names, *columns, strict=True):
+            found[name] = found[name]._replace(
+                body=body,
+                damping=damping,
+                friction=friction,
+                effort=effort,
+                payload=masses.payload,
+            )
+    return found
 
 
 def chain_of(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain | None:
@@ -230,7 +293,36 @@ def linked(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain:
         raise InvalidInput("link frames", right, value=list(names))
     own = [frames[name] for name in names]
     axes = np.array([frame.axis for frame in own])
-    return LinkChain(np.array(origins), axes, np.array([f.slides for f in own]), own[-1].tool)
+    slides = np.array([frame.slides for frame in own])
+    return LinkChain(np.array(origins), axes, slides, own[-1].tool, _masses(frames, names))
+
+
+def _masses(frames: Mapping[str, JointFrame], names: Sequence[str]) -> Masses | InvalidInput | None:
+    """Return what some joints move; all others stay at 0."""
+    bodies = dict.fromkeys(names, np.zeros((4, 4)))
+    for name, frame in frames.items():
+        pose = np.eye(4)
+        at: str | None = name
+        for _ in frames:  # no longer than the robot, even in a loop
+            if at in bodies or at is None:
+                break
+            pose, at = frames[at].origin @ pose, frames[at].before
+        if at not in bodies:  # it does not move
+            continue
+        if not isinstance(frame.body, np.ndarray):
+            return frame.body
+        bodies[at] = bodies[at] + pose @ frame.body @ pose.T
+    last = names[-1]
+    if not bodies[last].any():
+        right = "a link with a mass behind the last joint"
+        return InvalidInput(f"mass behind {last}", right, value=0)
+    own = [frames[name] for name in names]
+    damping, friction, effort = (
+        np.array([getattr(frame, key) for frame in own])
+        for key in ("damping", "friction", "effort")
+    )
+    every = np.array(list(bodies.values()))
+    return Masses(every, damping, friction, effort, own[-1].payload)
 
 
 def origin_poses(xyz: Array, rpy: Array) -> Array:
@@ -279,29 +371,29 @@ def _matrix(rows: Sequence[Sequence[Any]]) -> Array:
 def _turned(cross: Array, sine: Any, cosine: Any, vector: Sequence[Any]) -> list[Any]:
     """Return a vector turned about an axis, by Rodrigues' formula (`LinkChain._moves`)."""
     squared = cross @ cross
-    along = _applied(np.eye(3) + squared, vector)
-    across = [cosine * own for own in _applied(-squared, vector)]
-    return _plus(_plus(along, across), [sine * own for own in _applied(cross, vector)])
+    along = applied(np.eye(3) + squared, vector)
+    across = [cosine * own for own in applied(-squared, vector)]
+    return plus(plus(along, across), [sine * own for own in applied(cross, vector)])
 
 
-def _plus(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
+def plus(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
     """Return the sum of two vectors; a number 0 is left out."""
     pairs = zip(one, other, strict=True)
-    return [b if _is_zero(a) else a if _is_zero(b) else a + b for a, b in pairs]
+    return [b if is_zero(a) else a if is_zero(b) else a + b for a, b in pairs]
 
 
-def _applied(matrix: Array, vector: Sequence[Any]) -> list[Any]:
+def applied(matrix: Array, vector: Sequence[Any]) -> list[Any]:
     """Return a matrix of numbers times a vector; terms of rounding size are left out."""
     found = []
     for row in matrix.tolist():
         terms = [
             own if factor == 1 else factor * own
             for factor, own in zip(row, vector, strict=True)
-            if abs(factor) > _ROUNDING and not _is_zero(own)
+            if abs(factor) > _ROUNDING and not is_zero(own)
         ]
         found.append(sum(terms[1:], terms[0]) if terms else 0.0)
     return found
 
 
-def _is_zero(value: Any) -> bool:
+def is_zero(value: Any) -> bool:
     return isinstance(value, float) and value == 0

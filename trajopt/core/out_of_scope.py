@@ -7,9 +7,8 @@ import re
 SCOPE = (
     "In scope: waypoints in a fixed order, passed exactly or within a tolerance, from rest to rest "
     "or between given states, with waits, least or given times, in loops, on any path "
-    "between them; limits of velocity, acceleration, jerk and position per joint, and of the "
-    "tool's speed; motions as a controller executes them. Not in scope: obstacles, torques, "
-    "orientation."
+    "between them; limits of velocity, acceleration, jerk, position and torque per joint, and of "
+    "the tool's speed; motions as a controller executes them. Not in scope: obstacles, orientation."
 )
 _SPEED = (
     "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
@@ -37,9 +36,13 @@ _ELSEWHERE = {
         "this tool: a table with offset, deceleration and position, or true for the robot's own"
     ),
     r"(relative_)?(dynamics|velocity|acceleration|jerk)(_rel|_factor)": _SPEED,
-    r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (
-        "torques are not in this tool; the nearest are acceleration limits that the arm can keep "
-        "in its worst pose, or a kind of limit of your own, with --kind"
+    r"\w*(torque|effort)\w*": (
+        "torques have a name of their own in this tool; the nearest is limits.torque of a problem "
+        "file, a number per joint (N m), or --torque urdf, with an arm whose masses are known"
+    ),
+    r"\w*(payload|inertia|friction|dynamics|mass)\w*": (
+        "masses have places of their own in this tool; the nearest are [dynamics] and [payload] of "
+        "a problem file, <inertial> of a URDF, or --payload (kg)"
     ),
     r"\w*(tcp|tool|cartesian|end_effector)\w*|ee_\w+": (
         "of the tool's limits, that of its speed is in this tool; the nearest is limits.tool_speed "

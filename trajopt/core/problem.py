@@ -89,6 +89,10 @@ class Problem:
             check_joint_names(self.joint_names, self.joints)
         if chain is not None and chain.joints != self.joints:
             raise InvalidInput("chain", f"{self.joints} joints", value=chain.joints)
+        for own in limits.kinds.values():
+            error = own.contradicted(self)
+            if error is not None:
+                raise error
 
     def _hold(
         self,

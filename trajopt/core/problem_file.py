@@ -46,6 +46,13 @@ The link frames of the joints, in place of the robot's, for limits that need the
     chain.axis = [[0, 0, 1], ...]
     chain.tool_xyz = [0, 0, 0.1]         # optional, behind the last joint; tool_rpy too
 
+What each joint moves, in place of the robot's, for limits that need it (`torque`), and what the
+tool carries (`trajopt.core.bodies`):
+
+    dynamics.mass = [3.7, ...]           # kg; also centre (m), inertia (kg m²) per joint, and where
+                                         # they are known damping, effort, payload, gravity
+    payload.mass = 2.5                   # kg; also centre (m) in the tool's frame, and inertia
+
 A table `published` is read by `trajopt.benchmark.suites.literature`.
 
 `angle_unit = "deg"` (or `"rad"`) in place of `units` means both. For a prismatic joint write a unit
@@ -59,20 +66,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trajopt.core import arm_file, chain, files, keys
+from trajopt.core import arm_file, bodies, chain, files, keys
 from trajopt.core.arm_file import Arm
 from trajopt.core.arrays import Array, Bools
+from trajopt.core.bodies import Masses
 from trajopt.core.chain import LinkChain, chain_of, frames_of
 from trajopt.core.demand import DEMANDS, Demand
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import text_at
 from trajopt.core.keys import Key, Keys
-from trajopt.core.limits import KINDS, Limit, Limits, segment_tables, strangers
+from trajopt.core.limits import KINDS, Limit, Limits, named, segment_tables, strangers
 from trajopt.core.tables import check_joint_names, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 
@@ -90,6 +99,8 @@ KEYS = {
     **{key: Key(keys.anything, demand.meaning) for key, demand in DEMANDS.items()},
     "limits": Key(keys.table, "the limits by kind"),
     "chain": Key(keys.table, "the link frames, m and rad"),
+    "dynamics": Key(keys.table, "masses, centres and inertias of what each joint moves, SI units"),
+    "payload": Key(keys.table, "mass, centre and inertia of what the tool carries, SI units"),
     "published": Key(keys.table, "what was published for it"),
 }
 """The keys of a problem file."""
@@ -216,21 +227,38 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
 def _chain(
     table: Mapping[str, Any], arm: Arm | None, names: Sequence[str], slides: Bools
 ) -> LinkChain | None:
-    """Return the link frames that the file states, else the robot's of these joints."""
-    stated = table.get("chain")
-    if stated is None:
-        return chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None
-    if not isinstance(stated, Mapping):
-        raise InvalidInput("chain", f"a table with {', '.join(chain.KEYS)}", value=stated)
-    files.check_keys("chain.", stated, chain.KEYS, chain.REQUIRED)
-    return LinkChain.read(stated, len(slides), slides)
+    """Return link frames and masses that the file states, else the robot's of these joints."""
+    stated = {key: table.get(key) for key in ("chain", "dynamics", "payload")}
+    for key, own in stated.items():
+        if own is not None and not isinstance(own, Mapping):
+            known = {"chain": chain.KEYS, "dynamics": bodies.KEYS, "payload": bodies.PAYLOAD_KEYS}
+            raise InvalidInput(key, f"a table with {', '.join(known[key])}", value=own)
+    frames, moved, payload = stated.values()
+    if moved is not None:
+        files.check_keys("dynamics.", moved, bodies.KEYS, bodies.REQUIRED)
+    found: LinkChain | None
+    if frames is not None:
+        files.check_keys("chain.", frames, chain.KEYS, chain.REQUIRED)
+        found = LinkChain.read(frames, len(slides), slides, moved)
+    else:
+        found = chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None
+        if found is not None and moved is not None:
+            found = replace(found, masses=Masses.read(moved, len(slides)))
+    for key in ("dynamics", "payload"):
+        if found is None and stated[key] is not None:
+            raise InvalidInput(key, "link frames beside it: a robot's, or [chain]", value=None)
+    return found if found is None or payload is None else found.carrying(payload)
 
 
 def _without_words(
     given: Mapping[str, Any], of_robot: dict[str, Limit], arm: Arm | None
 ) -> dict[str, Any]:
     """Return the limits that the file states; `true` is the robot's own, `false` removes it."""
-    stated = {key: value for key, value in given.items() if not isinstance(value, bool)}
+    stated = {
+        key: value
+        for key, value in given.items()
+        if not isinstance(value, bool) or (value and named(key).of_chain)
+    }
     for key in given.keys() - stated.keys():
         if given[key] and key not in of_robot:
             robot = f"of the robot, but {arm.name} has none" if arm else "beside a robot"

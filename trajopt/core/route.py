@@ -108,6 +108,17 @@ class Route:
         return all(DEMANDS[key].dilatable for key in self.demands)
 
     @property
+    def rests(self) -> Indices:
+        """Return the waypoints at which the robot stands, by index: where it waits, and the ends.
+
+        An end counts unless the motion is closed, or has a velocity or an acceleration there.
+        """
+        found = self.demand("dwell") > 0
+        for waypoint, state in ((0, self.start), (-1, self.end)):
+            found[waypoint] |= "closed" not in self.demands and not np.any(state)
+        return np.flatnonzero(found)
+
+    @property
     def displacements(self) -> Array:
         """Return the displacements `h_k = q_k − q_{k−1}`, rad, `(segments, joints)`."""
         return np.diff(self.waypoints, axis=0)

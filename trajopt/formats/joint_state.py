@@ -29,7 +29,7 @@ STATE = {
     "name": Key(keys.a_list, "one per joint"),
     "position": Key(keys.a_list, "rad (m), one per joint"),
     "velocity": Key(keys.a_list, "rad/s (m/s), one per joint"),
-    "effort": Key(keys.a_list, "torques, which are not judged"),
+    "effort": Key(keys.a_list, "torques: the judge computes them"),
 }
 """The keys of a message."""
 

@@ -42,7 +42,7 @@ POINT = {
     "positions": Key(keys.a_list, "rad (m), one per joint"),
     "velocities": Key(keys.a_list, "rad/s (m/s), one per joint"),
     "accelerations": Key(keys.a_list, "rad/s² (m/s²), one per joint"),
-    "effort": Key(keys.a_list, "torques, which are not judged"),
+    "effort": Key(keys.a_list, "torques: the judge computes them"),
     "time_from_start": Key(keys.anything, "{sec, nanosec}, {secs, nsecs} or seconds"),
 }
 """The keys of a point."""

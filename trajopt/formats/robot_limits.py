@@ -54,7 +54,8 @@ class RobotLimits:
         continuous: Joints that turn without end, so that whole turns make no difference.
         completed: Joints whose acceleration limit is that of `with_acceleration`.
         frames: The joints' frames by their names, where the source has them.
-        stated: Numbers of limits of the whole robot, by key.
+        stated: Limits of the whole robot that a number or a text states, by key.
+        payload: Mass at the tool, kg.
     """
 
     joints: Mapping[str, JointBounds]
@@ -68,7 +69,8 @@ class RobotLimits:
     continuous: frozenset[str] = frozenset()
     completed: frozenset[str] = frozenset()
     frames: Mapping[str, JointFrame] = field(default_factory=dict)
-    stated: Mapping[str, float] = field(default_factory=dict)
+    stated: Mapping[str, float | str] = field(default_factory=dict)
+    payload: float | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -166,7 +168,12 @@ class RobotLimits:
         others = {key: self._other(key, joint_names) for key in self.others}
         bounding = {key: own for key, own in others.items() if own.bounds.any()}
         found = Limits(**pairs, others={**bounding, **self.stated})
-        return found.for_chain(linked(self.frames, joint_names)) if self.stated else found
+        if not self.stated:
+            return found
+        chain = linked(self.frames, joint_names)
+        if self.payload is not None:
+            chain = chain.carrying({"mass": self.payload})
+        return found.for_chain(chain)
 
     def _other(self, key: str, joint_names: Sequence[str]) -> Limit:
         """A limit of another kind, of these joints; NaN for those that it does not bound."""

@@ -18,6 +18,10 @@ It belongs to the range of the joint's `<limit>`; soft limits do not move it
 Link frames are those of `<origin>` and `<axis>` (`trajopt.core.chain`); joints that are fixed, or
 mimic another, stay where they are at 0. A joint with a faulty number on its way to the base has
 none: motions are judged without it.
+
+Masses are those of `<inertial>`, of all links that move with a joint; `effort` of `<limit>` and
+`damping` and `friction` of `<dynamics>` belong to the joint (`trajopt.core.bodies`). The error of a
+faulty one is raised where a limit needs masses.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from trajopt.core import files, keys, numerals
+from trajopt.core import bodies, files, keys, numerals
 from trajopt.core.arrays import Array
 from trajopt.core.chain import JointFrame, origin_poses, unit_axes
 from trajopt.core.exceptions import InvalidInput
@@ -51,7 +55,7 @@ LIMIT = {
     "lower": Key(keys.number, "lower end of the range, rad (m)"),
     "upper": Key(keys.number, "upper end of the range, rad (m)"),
     "velocity": Key(keys.number, "largest velocity, rad/s (m/s)"),
-    "effort": Key(keys.number, "largest effort, which is not judged"),
+    "effort": Key(keys.number, "largest torque, N m (force, N), for limits of torque"),
     "acceleration": Key(keys.number, "largest acceleration, rad/s² (m/s²)"),
     "deceleration": Key(keys.number, "the same for braking"),
     "jerk": Key(keys.number, "largest jerk, rad/s³ (m/s³)"),
@@ -86,6 +90,7 @@ ELEMENTS = {tag: Key(keys.holding(own), f"<{tag}>") for tag, own in ATTRIBUTES.i
 _HARMLESS_XACRO = ("arg", "property")  # they define what may be used in ${} and $()
 _PREFIX = re.compile(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _TEMPLATE = re.compile(r"\$[({]")
+_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _INFINITIES = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 
 
@@ -192,11 +197,11 @@ def _robot(root: Element, source: str) -> RobotLimits:
         others=others,
         unsound=unsound,
         continuous=frozenset(joint.get("name", "") for joint in turning),
-        frames=_frames(root, joints),
+        frames=_frames(root, joints, source),
     )
 
 
-def _frames(root: Element, moving: Collection[str]) -> dict[str, JointFrame]:
+def _frames(root: Element, moving: Collection[str], source: str) -> dict[str, JointFrame]:
     """Return the frames of the joints that move, by name; a joint that is not sound has none."""
     above: dict[str, Element] = {}
     below: dict[str, list[Element]] = {}
@@ -204,10 +209,11 @@ def _frames(root: Element, moving: Collection[str]) -> dict[str, JointFrame]:
         above.setdefault(_link(joint, "child"), joint)
         below.setdefault(_link(joint, "parent"), []).append(joint)
     found: dict[str, JointFrame] = {}
+    moved: dict[str, Element] = {}
     for joint in above.values():
-        name = joint.get("name", "")
-        if name not in moving or name in found:
-            continue
+        if joint.get("name") in moving:
+            moved.setdefault(joint.get("name", ""), joint)
+    for name, joint in moved.items():
         try:
             axis = unit_axes("axis", _triple(joint, "axis", "xyz", "1 0 0")[None])[0]
             before, origin = _before(joint, above, moving)
@@ -215,7 +221,86 @@ def _frames(root: Element, moving: Collection[str]) -> dict[str, JointFrame]:
         except InvalidInput:
             continue
         found[name] = JointFrame(before, origin, axis, joint.get("type") == "prismatic", tool)
+    links = {link.get("name", ""): link for link in root.iterfind("link")}
+    for name, frame in found.items():
+        try:
+            body = _body(moved[name], below, links, found)
+            damping, friction, effort = _drive(moved[name])
+            found[name] = frame._replace(
+                body=body, damping=damping, friction=friction, effort=effort
+            )
+        except InvalidInput as error:
+            found[name] = frame._replace(body=error.in_file(source))
     return found
+
+
+def _body(
+    joint: Element,
+    below: Mapping[str, list[Element]],
+    links: Mapping[str, Element],
+    moving: Collection[str],
+) -> Array:
+    """Return what moves with a joint, in its frame; joints behind it that move have their own.
+
+    Raises:
+        InvalidInput: Names the link and what would be right; or a joint behind it without a frame.
+    """
+    total = np.zeros((4, 4))
+    left = [(_link(joint, "child"), np.eye(4))]
+    seen = set()
+    while left:
+        name, pose = left.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        if name in links:
+            own = _inertial(links[name])
+            total += pose @ own @ pose.T
+        for following in below.get(name, []):
+            if following.get("name") in moving:
+                continue
+            if following.get("type") in _UNITS and following.find("mimic") is None:
+                right = "a joint whose frame is sound, as it moves a mass"
+                raise InvalidInput("joint", right, value=following.get("name"))
+            left.append((_link(following, "child"), pose @ _origin(following)))
+    return total
+
+
+def _inertial(link: Element) -> Array:
+    """Return the body of a link, in its frame; 0 for one without `<inertial>`."""
+    element = link.find("inertial")
+    if element is None:
+        return np.zeros((4, 4))
+    key = f"link {link.get('name')}, inertial"
+    mass, tensor = element.find("mass"), element.find("inertia")
+    try:
+        if mass is None:
+            raise InvalidInput("mass", "<mass value=…/>, kg")
+        numbers = [0.0] * 6 if tensor is None else [_number(tensor, own) for own in _TENSOR]
+        own = bodies.body(_number(mass, "value"), (0, 0, 0), numbers)
+        pose = _origin(element)
+    except InvalidInput as error:
+        raise InvalidInput(f"{key}: {error.key}", error.expected, value=error.value) from None
+    return np.asarray(pose @ own @ pose.T)
+
+
+def _drive(joint: Element) -> tuple[float, float, float]:
+    """Return viscous and Coulomb friction and largest torque of a joint; NaN if none is stated.
+
+    Raises:
+        InvalidInput: Names the joint and what would be right.
+    """
+    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    found = []
+    for key in ("damping", "friction"):
+        own = 0.0 if dynamics is None else _number(dynamics, key)
+        if own < 0:
+            name = f"{joint.get('name')}: dynamics {key}"
+            raise InvalidInput(name, "0 or more", value=own)
+        found.append(own)
+    damping, friction = found
+    effort = 0.0 if limit is None else _number(limit, "effort")
+    return damping, friction, effort if effort > 0 else np.nan
 
 
 def _before(

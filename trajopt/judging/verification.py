@@ -32,6 +32,8 @@ _JUDGED = (
 GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative, is rounding
 NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
+# A smaller excess after the dilation of another limit, relative, is due to bounds of the use.
+_AGAIN_RTOL = 1e-7
 # Limits whose excess a dilation mends, whatever it is: they add no flaw.
 MENDED = frozenset({"velocity", "acceleration", "jerk"})
 
@@ -333,6 +335,32 @@ def _counted(problem: Problem) -> Problem:
     return replace(problem, limits=problem.limits.of_segments(numbers))
 
 
+def _together(
+    problem: Problem, motion: Trajectory, dilation: float, unjudged: Collection[str]
+) -> tuple[float, list[str]]:
+    """Return the least dilation from this one on that brings a motion within all its limits.
+
+    A limit that a slower motion may break again is judged anew after the dilation that the others
+    need. A larger one keeps those. The second value says why there is none.
+    """
+    again = [
+        limit
+        for key, limit in problem.limits.kinds.items()
+        if key not in unjudged and not limit.monotone
+    ]
+    before = 0.0
+    while again and 1 < dilation != before:
+        before = dilation
+        for limit in again:
+            slower = motion.dilated(dilation)
+            use = limit.worst(slower)
+            if not limit.keeps(use, _AGAIN_RTOL):
+                dilation *= limit.dilation(use, slower)
+                if np.isinf(dilation):
+                    return dilation, [limit.hopeless(use, slower, problem)]
+    return dilation, []
+
+
 def check_sizes(problem: Problem, trajectory: Trajectory) -> None:
     check_problem(problem)
     for key in problem.demands:
@@ -396,6 +424,8 @@ def _judged(
         dilation = float(np.maximum(dilation, needed))  # NaN stays NaN
         later = use._replace(time=use.time + begins)
         flaw = limit.flaw(later, allowed.position_limit, problem)
+        if not flaw and limit.is_ratio and np.isfinite(use.value) and np.isinf(needed):
+            flaw = limit.hopeless(later, judged, problem)
         if flaw:
             flaws.insert(0, flaw)
         elif not np.isfinite(needed * judged.duration):
@@ -403,6 +433,9 @@ def _judged(
     least = _least_times(problem, trajectory) if at_rest else None
     if least is not None:
         dilation = max(dilation, least.value)
+    if not flaws:
+        dilation, hopeless = _together(problem, judged, dilation, unjudged)
+        flaws += hopeless
     flaws += _no_time(least, begins)
     if repair is None and at_rest and not flaws:
         flaws.append(_NOT_REPAIRED)

@@ -13,7 +13,9 @@ In reading order:
 - `limits`: all limits of a problem;
 - `segment_tables`: limits of one segment in a problem file;
 - `falling_velocity`: a velocity limit that falls towards the ends of a joint's range;
-- `tool_speed`: the speed of the tool.
+- `link_frames`: the frames of links among the numbers of a kind;
+- `tool_speed`: the speed of the tool;
+- `torque`: the torques of the drives.
 
 A new kind is a subclass of `RowLimit` or `Limit` in a file of its own, imported here. Files,
 digests, certificates, tables and figures then include it.
@@ -30,6 +32,9 @@ from trajopt.core.limits.limits import LIMIT_NAMES, LIMIT_ORDERS, LimitName, Lim
 from trajopt.core.limits.row_limit import RowLimit
 from trajopt.core.limits.rows import JointState, Row
 from trajopt.core.limits.tool_speed import ToolSpeed
+
+# isort: split
+from trajopt.core.limits.torque import Torque
 
 __all__ = [
     "KINDS",
@@ -49,6 +54,7 @@ __all__ = [
     "Row",
     "RowLimit",
     "ToolSpeed",
+    "Torque",
     "Use",
     "Velocity",
     "named",

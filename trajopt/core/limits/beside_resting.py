@@ -30,7 +30,7 @@ class BesideResting(Limit):
     place: Array
 
     def __post_init__(self) -> None:
-        for name in ("key", "degree", "power", "is_ratio", "smooth", "forgiven"):
+        for name in ("key", "degree", "power", "is_ratio", "smooth", "forgiven", "monotone"):
             object.__setattr__(self, name, getattr(self.whole, name))
         rest = np.where(self.moving, np.nan, self.place)
         object.__setattr__(self, "numbers", np.append(self.whole.numbers.ravel(), rest)[None])
@@ -69,7 +69,8 @@ class BesideResting(Limit):
                 every[joint] = own
             orders.append(every)
         q, v, a, j = orders
-        return self.whole.rows(JointState(q, v, a, j, at.segments))
+        for row in self.whole.rows(JointState(q, v, a, j, at.segments)):
+            yield row._replace(joint=self._own(row.joint))
 
     def worst(self, motion: Trajectory) -> Use:
         use = self.whole.worst(self._beside(motion))
@@ -86,8 +87,11 @@ class BesideResting(Limit):
             yield interval._replace(joint=self._own(interval.joint))
 
     def along(self, motion: Trajectory, times: Array) -> Mapping[int | None, Array]:
-        found = self.whole.along(self._beside(motion), times)
-        return {self._own(joint): use for joint, use in found.items()}
+        found: dict[int | None, Array] = {}
+        for joint, use in self.whole.along(self._beside(motion), times).items():
+            moving = self._own(joint)
+            found[moving] = np.maximum(use, found.get(moving, use))
+        return found
 
     def _beside(self, motion: Trajectory) -> Trajectory:
         return motion.beside(self.place, self.moving)

@@ -16,6 +16,8 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from trajopt.core.arrays import Array
 
 Range = tuple[Array, Array]  # lowest and highest
+# An end of a range that is nearer to 0, relative to the other end, is 0 by its rounding.
+_ROUNDING_RTOL = 1e-9
 
 
 class Enclosure(NDArrayOperatorsMixin):
@@ -90,9 +92,23 @@ def _negative(own: Enclosure) -> Enclosure:
 
 
 def _product(one: Any, other: Any) -> Enclosure:
+    if isinstance(one, float | int):
+        return _scaled(other, one)
+    if isinstance(other, float | int):
+        return _scaled(one, other)
     a, b = made(one), made(other)
     slopes = _plus(_times(a.slopes, b.values), _times(a.values, b.slopes))
     return Enclosure(a.middle * b.middle, _times(a.values, b.values), slopes)
+
+
+def _scaled(own: Enclosure, factor: float) -> Enclosure:
+    if factor < 0:
+        return _scaled(_negative(own), -factor)
+    low, high = own.values
+    falls, rises = own.slopes
+    return Enclosure(
+        factor * own.middle, (factor * low, factor * high), (factor * falls, factor * rises)
+    )
 
 
 def _square(own: Enclosure) -> Enclosure:
@@ -155,6 +171,16 @@ def _around(function: Callable[[Array], Array]) -> Callable[[Enclosure], Range]:
     return span
 
 
+def _sign(own: Enclosure) -> Enclosure:
+    """Return the signs within the interval: where the value ends at 0, it has the sign before."""
+    low, high = own.values
+    falls = low < -_ROUNDING_RTOL * np.maximum(high, 0.0)
+    rises = high > _ROUNDING_RTOL * np.maximum(-low, 0.0)
+    signs = np.where(falls, -1.0, rises), np.where(rises, 1.0, -1.0 * falls)
+    jumps = np.where(falls & rises, np.inf, 0.0)
+    return Enclosure(np.clip(np.sign(own.middle), *signs), signs, (-jumps, jumps))
+
+
 def _sqrt(own: Enclosure) -> Enclosure:
     low, high = (np.maximum(end, 0.0) for end in own.values)
     with np.errstate(divide="ignore"):
@@ -185,6 +211,7 @@ _RULES: dict[np.ufunc, Callable[..., Enclosure]] = {
     np.square: _square,
     np.power: _power,
     np.sqrt: _sqrt,
+    np.sign: _sign,
     np.sin: _wave(np.sin, _COS),
     np.cos: _wave(np.cos, lambda own: _negative_range(_SIN(own))),
     np.maximum: _highest,
@@ -200,6 +227,6 @@ def _named(name: str) -> Callable[[Any], Any]:
     return lambda own: function(own)
 
 
-for _name in ("sin", "cos", "sqrt", "square"):
+for _name in ("sin", "cos", "sqrt", "sign", "square"):
     # NumPy asks the entries of an array of objects for a method of the function's name
     setattr(Enclosure, _name, _named(_name))

@@ -66,8 +66,11 @@ class Limit(ABC):
             dilates or reports its answer. With any other kind such a planner refuses the problem.
         separate: whether it limits each joint by itself, whatever the others do. Then it can be
             stated in other units of length, joint by joint (`in_units`).
+        of_chain: whether `true` in a file means the limit that an arm's drives have (`for_chain`).
+        monotone: whether a motion that keeps it, slowed down, keeps it.
         flag: what its option on the command line means, which takes one number; empty where it has
             none. The option's name is that of its key.
+        flag_is_text: whether the option takes a text instead, as a file states it.
     """
 
     key: ClassVar[str]
@@ -78,7 +81,10 @@ class Limit(ABC):
     smooth: ClassVar[int] = 0
     forgiven: ClassVar[bool] = False
     separate: ClassVar[bool] = False
+    of_chain: ClassVar[bool] = False
+    monotone: ClassVar[bool] = True
     flag: ClassVar[str] = ""
+    flag_is_text: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -169,6 +175,13 @@ class Limit(ABC):
         """
         return self
 
+    def contradicted(self, problem: Problem) -> InvalidInput | None:
+        """Return the error of a problem whose way is not possible under it; None where it may be.
+
+        It names the joint, the waypoint, the value, and what would be right.
+        """
+        return None
+
     # --- what it asks of a state ---
 
     def rows(self, at: JointState) -> Iterator[Row]:
@@ -213,6 +226,10 @@ class Limit(ABC):
     def keeps(self, use: Use, rtol: float) -> bool:
         """Return whether a dilation by less than `1 + rtol` brings this use within the limit."""
         return self.degree is None or use.value ** (1 / self.degree) <= 1 + rtol
+
+    def hopeless(self, use: Use, motion: Trajectory, problem: Problem) -> str:
+        """Return why no dilation brings a motion within the limit, in words."""
+        return f"{where(use, problem)}: no dilation brings it within its {self.name()} limit"
 
     @abstractmethod
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:

@@ -46,12 +46,14 @@ class Row(NamedTuple):
         low, high: numbers, or one for each instant or piece.
         leaving: a bound of a velocity, which planners impose instead around a waypoint where this
             row does not hold at rest. From there the motion may only go back.
+        joint: whose it is, from 0; None where it is not one joint's.
     """
 
     value: Any
     low: Any = -np.inf
     high: Any = np.inf
     leaving: Row | None = None
+    joint: int | None = None
 
 
 def positive(x: Any, corner: Any) -> Any:
@@ -63,3 +65,11 @@ def positive(x: Any, corner: Any) -> Any:
     """
     smooth = getattr(x, "positive", None)
     return np.maximum(x, 0.0) if smooth is None else smooth(corner)
+
+
+def sign(x: Any, otherwise: float) -> Any:
+    """Return the sign of numbers, 0 at 0; of symbols, which have none, `otherwise`.
+
+    A kind yields such a row with 1 and with −1: planners then keep both.
+    """
+    return otherwise if hasattr(x, "positive") else np.sign(x)

@@ -14,19 +14,18 @@ from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits.fields import Quantity
 from trajopt.core.limits.limit import Limit
-from trajopt.core.limits.row_limit import RowLimit
+from trajopt.core.limits.link_frames import FRAMES, FramesLimit, frame_columns
 from trajopt.core.limits.rows import JointState, Row
 from trajopt.core.numerals import is_number
 
 if TYPE_CHECKING:
     from trajopt.core.problem import Problem
 
-_RIGID_ATOL = 1e-6
 _ROUNDING_RTOL = 1e-12  # by which a chord in the closed form is shorter than the computed one
 
 
 @dataclass(frozen=True, eq=False)
-class ToolSpeed(RowLimit):
+class ToolSpeed(FramesLimit):
     """Speed of the tool's origin, m/s, by the arm's link frames.
 
     A problem file states a number where the link frames are known, else a table with the number and
@@ -42,9 +41,7 @@ class ToolSpeed(RowLimit):
     flag = "Limit of the tool's speed, m/s, by the robot's link frames."
     fields = (
         Quantity("speed", metres=1, time=-1, common=True, widens=1),
-        Quantity("origins", count=12),
-        Quantity("axes", count=3),
-        Quantity("slides"),
+        *FRAMES,
         Quantity("tool", metres=1, count=3, common=True),
     )
 
@@ -53,17 +50,6 @@ class ToolSpeed(RowLimit):
         for speed in self.column("speed")[:1].tolist():
             if not np.isnan(speed) and not 0 < speed < np.inf:
                 raise InvalidInput(f"limits.{self.key}", "a positive number, m/s", value=speed)
-        if self._is_complete:
-            turns = self.column("origins").reshape(-1, 3, 4)[..., :3]
-            apart = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
-            self._refuse("origins", "a pose, whose first three columns turn", apart > _RIGID_ATOL)
-            sizes = np.linalg.norm(self.column("axes"), axis=1)
-            self._refuse("axes", "a direction of length 1", np.abs(sizes - 1) > _RIGID_ATOL)
-
-    def _refuse(self, column: str, right: str, wrong: Bools) -> None:
-        for joint in np.flatnonzero(wrong).tolist():
-            value = self.column(column)[joint].tolist()
-            raise InvalidInput(f"limits.{self.key}.{column}", right, value=value, joint=joint)
 
     @classmethod
     def read(cls, value: Any, joints: int) -> Self:
@@ -88,15 +74,11 @@ class ToolSpeed(RowLimit):
         return np.asarray(numbers[:, 0] == np.inf)
 
     def table(self) -> Any:
-        return super().table() if self._is_complete else float(self._speed)
+        return super().table() if self.is_complete else float(self._speed)
 
     @property
     def bounds(self) -> Bools:
         return np.isfinite(self.column("speed"))
-
-    @property
-    def _is_complete(self) -> bool:
-        return bool(np.isfinite(self.numbers).all())
 
     @property
     def _speed(self) -> float:
@@ -107,13 +89,11 @@ class ToolSpeed(RowLimit):
         """The arm's link frames."""
         tool = np.eye(4)
         tool[:3, 3] = self.column("tool")[0]
-        last = np.tile([[0.0, 0.0, 0.0, 1.0]], (len(self.numbers), 1, 1))
-        origins = np.concatenate([self.column("origins").reshape(-1, 3, 4), last], axis=1)
-        return LinkChain(origins, self.column("axes"), self.column("slides") != 0, tool)
+        return LinkChain(self.origins, self.column("axes"), self.column("slides") != 0, tool)
 
     def for_chain(self, chain: LinkChain | None) -> Limit:
         """Return the limit with an arm's link frames, if it has none yet."""
-        if self._is_complete or not self.bounds.any():
+        if self.is_complete or not self.bounds.any():
             return self
         joints = len(self.numbers)
         if chain is None or chain.joints != joints:
@@ -124,9 +104,7 @@ class ToolSpeed(RowLimit):
             raise InvalidInput(f"limits.{self.key}", right, value=self._speed)
         columns = [
             self.column("speed"),
-            chain.origins[:, :3].reshape(joints, 12),
-            chain.axes,
-            chain.slides,
+            frame_columns(chain),
             np.tile(chain.tool[:3, 3], (joints, 1)),
         ]
         return type(self)(np.column_stack(columns))
