@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from trajopt.benchmark.objective import objective as objective
     from trajopt.benchmark.suites.catalogue import load as problem  # noqa: F401
     from trajopt.best_planner import plan as plan
+    from trajopt.chunks import from_samples as from_samples
     from trajopt.comparison import compare as compare
     from trajopt.core.braking import brake_first as brake_first
     from trajopt.core.exceptions import InvalidInput as InvalidInput
@@ -60,6 +61,7 @@ _MODULE = {
     "WrongType": "core.exceptions",
     "brake_first": "core.braking",
     "compare": "comparison",
+    "from_samples": "chunks",
     "front": "benchmark.front",
     "judge": "judgement",
     "objective": "benchmark.objective",

@@ -64,6 +64,10 @@ _COMMANDS = {
         "judge:judge",
         "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
     ),
+    "chunk": (
+        "chunk:chunk",
+        "Plan the motion through the targets of a learned policy, chunk by chunk.",
+    ),
     "retime": (
         "retime:retime",
         "Say how fast a given path can be passed under any limits, and write that motion.",

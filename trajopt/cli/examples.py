@@ -23,6 +23,10 @@ EXAMPLES = {
         "trajopt judge theirs.csv my-robot.toml",
         "trajopt judge theirs.csv my-robot.toml --via-tolerance 0.001",
     ),
+    "chunk": (
+        "trajopt chunk targets.csv --robot ur5e",
+        "trajopt chunk targets.csv --robot ur5e --at-given-times --tolerance 0.01",
+    ),
     "retime": (
         "trajopt retime theirs.csv --limits my-robot.toml",
         "trajopt retime waypoints.csv --robot ur5e --unit deg --out retimed.yaml",

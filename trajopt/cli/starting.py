@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -69,12 +69,34 @@ def problem(name: str, robot: RobotOptions, start: StartOptions) -> Problem:
             right = "--from FILE and --at SECONDS, both or neither"
             raise InvalidInput("--at", right, value=start.at)
         return asked.problem(name, robot, scaled=True)
-    path, at = start.from_, start.at
-    unit = robot.unit if path.suffix in WITH_UNITS else None
-    with kinds.reading(path, "motion"):
-        running = motion(path, unit=unit)
+    state = hand_over(start.from_, start.at, robot.unit)
+    if Path(name).suffix in ENDINGS:
+        return asked.problem(name, robot, scaled=True, start=state)
+    found = asked.problem(name, robot)
+    position, *rates = state(found.joint_names, found.joints)
+    demands = {**found.demands, **begins(found.limits, *rates)}
+    return replace(found, waypoints=np.array([position, *found.waypoints[1:]]), demands=demands)
 
-    def state(names: Sequence[str], joints: int) -> list[Array]:
+
+def hand_over(
+    path: Path, at: float, unit: str | None
+) -> Callable[[Sequence[str], int], Sequence[Array]]:
+    """Return what gives the state in which a motion of a file is left.
+
+    It takes names and number of joints, and returns position, velocity and acceleration.
+
+    Args:
+        path: The motion that runs.
+        at: Time of the hand-over in it, s.
+        unit: Units of columns whose header says none.
+
+    Raises:
+        TrajoptError: The file cannot be read.
+    """
+    with kinds.reading(path, "motion"):
+        running = motion(path, unit=unit if path.suffix in WITH_UNITS else None)
+
+    def state(names: Sequence[str], joints: int) -> Sequence[Array]:
         own = running.for_joints(names).trajectory
         if own.joints != joints:
             right = f"{joints}, as the goals have"
@@ -84,12 +106,7 @@ def problem(name: str, robot: RobotOptions, start: StartOptions) -> Problem:
             raise InvalidInput("--at", right, value=at)
         return [own(at, order) for order in range(3)]
 
-    if Path(name).suffix in ENDINGS:
-        return asked.problem(name, robot, scaled=True, start=state)
-    found = asked.problem(name, robot)
-    position, *rates = state(found.joint_names, found.joints)
-    demands = {**found.demands, **begins(found.limits, *rates)}
-    return replace(found, waypoints=np.array([position, *found.waypoints[1:]]), demands=demands)
+    return state
 
 
 def braked(found: Braking, trial: Trial) -> Trial:

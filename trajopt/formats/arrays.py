@@ -53,6 +53,19 @@ def read(
     Raises:
         InvalidInput: It cannot be read, or has no times or positions; names its arrays.
     """
+    held = load(path)
+    if isinstance(held, np.ndarray):
+        right = f"arrays with names, as {_SAVE} writes them"
+        raise InvalidInput("motion", f"{right}; {NO_MOTION} one {held.shape} without a name")
+    return samples(held, path.name, unit, joint_units)
+
+
+def load(path: Path) -> dict[str, NDArray[Any]] | NDArray[Any]:
+    """Return the arrays of a `.npz` or `.npy` file by their names, or one without a name.
+
+    Raises:
+        InvalidInput: It cannot be read.
+    """
     try:
         with files.opened(path) as file:
             if path.suffix == ".npz":
@@ -64,12 +77,9 @@ def read(
             held = dict(found) if path.suffix == ".npz" else found
     except Exception as error:  # of NumPy, of zip files, or of the system
         raise files.unreadable(path, "motion", path.suffix, error) from None
-    if isinstance(held, np.ndarray):
-        if held.dtype.names is None:
-            right = f"arrays with names, as {_SAVE} writes them"
-            raise InvalidInput("motion", f"{right}; {NO_MOTION} one {held.shape} without a name")
-        held = {name: held[name] for name in held.dtype.names}
-    return samples(held, path.name, unit, joint_units)
+    if isinstance(held, np.ndarray) and held.dtype.names is not None:
+        return {name: held[name] for name in held.dtype.names}
+    return held
 
 
 def samples(
@@ -89,12 +99,25 @@ def samples(
     Raises:
         InvalidInput: It has no times or no positions; names its arrays.
     """
-    table = _table(_arrays(given), name)
+    whole = table(given, name)
     wanted = asked(unit)
     if "angle" not in wanted:
         wanted["angle"] = "rad"
         warnings.warn(FileNote(f"{name}: angles are read in rad; unit=deg if not"), stacklevel=2)
-    return samples_csv.of_table(table, name, wanted, joint_units)
+    return samples_csv.of_table(whole, name, wanted, joint_units)
+
+
+def table(given: Any, name: str) -> Table:
+    """Return a table of arrays, or a list of records, as a table of texts with headings.
+
+    Args:
+        given: The table.
+        name: The file's name, for notes.
+
+    Raises:
+        InvalidInput: It has no times or no positions; names its arrays.
+    """
+    return _table(_arrays(given), name)
 
 
 def held(given: Any) -> bool:
@@ -181,5 +204,5 @@ def _times(numbers: Mapping[str, NDArray[Any]], rows: int, said: str) -> list[st
             size = Decimal(str(own))
             step = size if _STEP.fullmatch(key) else 1 / size
             return [str(step * row) for row in range(rows)]
-    right = f"an array of times, t, or a step of time, dt; {NO_MOTION} {said}"
+    right = f"an array of times, t, or a step of time, dt, or a rate, fps; {NO_MOTION} {said}"
     raise InvalidInput("motion", right)

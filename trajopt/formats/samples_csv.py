@@ -62,7 +62,7 @@ _BARE = "bare"  # a name alone, until all columns are known
 _ACTUAL = "actual"  # measured, where other columns say what was commanded
 _OTHER = (
     "efforts?|torques?|trq|tq|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status"
-    r"|nano_?secs?|nsecs?|(?:episode_|frame_|task_|sample_|row_)?index(?=\W*$)|idx(?=\W*$)"
+    r"|nano_?secs?|nsecs?|(?:episode_|chunk_|frame_|task_|sample_|row_)?index(?=\W*$)|idx(?=\W*$)"
 )
 _KINDS = {  # words of a heading that say what a column is, looked for in this order
     "accelerations": "accelerations?|acc|accel|qdd|ddq|qddot|q_ddot|qacc",
@@ -88,6 +88,8 @@ _COMMANDED = _marker(
 _MEASURED = _marker(r"actual|measured|feedback|output|observation\.state|observation")
 _OUTPUT = _marker("output")
 _EPOCH_S = (978_307_200, 4_102_444_800)  # the years 2001 to 2100
+PARTS = ("episode_index", "chunk_index")
+"""Headings of columns by which a table was told apart."""
 _LONG_STEP = 1.0  # a log's steps, s, are shorter: without a unit these may be milliseconds
 _LARGEST_RAD = 4 * np.pi  # two turns
 _SHOWN = 6  # columns in a note
@@ -227,6 +229,7 @@ def of_table(
     notes = [f"times count from {start} {unit}"] if start else []
     others = (column for column in columns if column not in chosen)
     left_out = [column.name or f"column {column.index + 1}" for column in others]
+    left_out = [own for own in left_out if own not in PARTS]
     dropped = [own.name for own in columns if own.kind == _ACTUAL]
     if dropped:
         sent = all(_OUTPUT.search(own) for own in dropped)

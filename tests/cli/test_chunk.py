@@ -1,0 +1,89 @@
+"""`trajopt chunk`: files of several chunks, bad ones among them, states, and what is written."""
+
+import json
+
+import numpy as np
+import pytest
+
+from trajopt.benchmark.suites.chunks import targets
+
+LIMITS = """
+joint_limits:
+  a: {max_velocity: 2.0, max_acceleration: 10.0}
+  b: {max_velocity: 2.0, max_acceleration: 10.0}
+"""
+
+
+def table(rows, chunk=0):
+    return "".join(
+        f"{chunk},{number / 30:.6f},{a:.6f},{b:.6f}\n" for number, (a, b) in enumerate(rows)
+    )
+
+
+HEADER = "chunk,time [s],a [rad],b [rad]\n"
+SMOOTH = targets("smooth", 0, 12, 2)
+
+
+def test_a_bad_chunk_gets_a_line_and_the_others_go_on(run):
+    broken = SMOOTH.copy()
+    broken[3, 1] = np.nan
+    text = HEADER + table(SMOOTH) + table(broken, 1) + table(SMOOTH[:1], 2) + table(SMOOTH, 3)
+    code, out, err = run("chunk c.csv --limits l.yaml --json", c__csv=text, l__yaml=LIMITS)
+    assert code == 2, err
+    told = json.loads(out)["chunks"]
+    assert [own["chunk"] for own in told] == ["chunk-0", "chunk-1", "chunk-2", "chunk-3"]
+    assert [bool(own.get("certified_duration")) for own in told] == [True, False, False, True]
+    assert "column 4" in told[1]["error"]
+    assert "two lines" in told[2]["error"]
+
+
+def test_arrays_with_an_axis_for_chunks(run, tmp_path):
+    both = np.array([SMOOTH, targets("noisy", 0, 12, 2)])
+    np.savez(tmp_path / "c.npz", action=both, joint_names=["b", "a"])
+    code, out, err = run("chunk c.npz --limits l.yaml --rate 30", l__yaml=LIMITS)
+    assert code == 0, err
+    assert out.count("certified") == 2
+    code, out, err = run("chunk c.npz --limits l.yaml", l__yaml=LIMITS)
+    assert code == 2
+    assert "a rate" in " ".join((out + err).split())
+
+
+def test_size_cuts_an_episode(run):
+    text = HEADER + table(SMOOTH)
+    code, out, err = run("chunk c.csv --limits l.yaml --size 5 --json", c__csv=text, l__yaml=LIMITS)
+    assert code == 0, err
+    counts = [len(own["waypoint_times"]) for own in json.loads(out)["chunks"]]
+    assert counts == [5, 5, 2]
+
+
+def test_a_chunk_takes_over_from_a_motion(run):
+    text = HEADER + table(SMOOTH)
+    code, _, err = run("chunk c.csv --limits l.yaml --out m.json", c__csv=text, l__yaml=LIMITS)
+    assert code == 0, err
+    code, _, err = run(
+        "chunk c.csv --limits l.yaml --from m.json --at 0.1 --out n.json --json",
+        c__csv=text,
+        l__yaml=LIMITS,
+    )
+    assert code == 0, err
+    from trajopt.formats.motion import motion
+
+    before, after = motion("m.json").trajectory, motion("n.json").trajectory
+    for order in (0, 1):
+        assert after(0.0, order) == pytest.approx(before(0.1, order), abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ("--fastest --at-given-times", "not both"),
+        ("--start-velocity 1", "2 numbers"),
+        ("--at 0.1", "both or neither"),
+        ("--on-to-next --end-velocity 0,0", "not both"),
+    ],
+)
+def test_flags_that_do_not_fit(run, flags, said):
+    text = HEADER + table(SMOOTH)
+    code, out, err = run(f"chunk c.csv --limits l.yaml {flags}", c__csv=text, l__yaml=LIMITS)
+    assert code == 2
+    assert said in " ".join((out + err).split())

@@ -1,0 +1,417 @@
+"""Chunks of learned policies: targets at a rate, executed as fast as the arm allows.
+
+    chunk = trajopt.from_samples(targets, limits, rate=30, tolerance=0.005)
+    answer = chunk.fastest()
+    answer.duration, answer.motion
+
+A policy emits 30 to 100 targets at once. The motion begins in the arm's state, passes every target
+within a tolerance, and ends at the last one, at rest or in motion. `fastest` asks for the least
+time. `at_given_times` asks that no target follows the one before sooner than the chunk says: where
+its own times are possible these are the answer, else those of the least largest delay.
+
+The answer is the planner's, or the clamped spline through the targets, dilated: whichever takes
+less time, both judged. It is therefore never slower than that spline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import factorial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trajopt.benchmark.trial import (
+    Answers,
+    Configuration,
+    Trial,
+    answered,
+    answered_many,
+    judged,
+    now,
+)
+from trajopt.best_planner import best
+from trajopt.core.arrays import Array
+from trajopt.core.chain import LinkChain
+from trajopt.core.demand import END_STATES
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import Limits
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.tables import frozen
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import keeping, keeps, verify
+from trajopt.planners.planner import Planner, Relation
+
+Mode = Literal["fastest", "at-given-times"]
+TOLERANCE = 0.005
+"""By default targets are passed within this distance, rad (or m)."""
+
+_PLANNER, _JERK_PLANNER = "exact:within=1e-4", "exact-jerk"
+_SPLINE = "spline"
+# Dilations of a spline that begins or ends in motion: the largest tried, and the factor of two
+# between which the least one lies is halved so often.
+_MAX_DILATION = 64.0
+_HALVINGS = 12
+_SAME_RTOL = 1e-9  # durations that differ by less, relative, are one
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Targets of a policy, and what is asked of the motion through them.
+
+    Attributes:
+        problem: the targets as waypoints, within the tolerance but for the first and the last one,
+            and the states at both ends. The first waypoint is the arm's place where the chunk
+            begins.
+        times: at which the chunk asks for these waypoints, from 0 on, s, `(waypoints,)`.
+    """
+
+    problem: Problem
+    times: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", frozen(np.asarray(self.times, dtype=float)))
+
+    @property
+    def given_duration(self) -> float:
+        """The time that the chunk asks for, s."""
+        return float(self.times[-1])
+
+    def fastest(self) -> ChunkAnswer:
+        """Return the fastest certified motion through the targets."""
+        return answers([self])[0]
+
+    def at_given_times(self) -> ChunkAnswer:
+        """Return the certified motion that is late by the least time, at the most late target."""
+        return answers([self], "at-given-times")[0]
+
+    @property
+    def spline(self) -> DilatedSpline:
+        """The planner of the clamped spline through the targets at the chunk's times."""
+        return DilatedSpline(tuple(self.times.tolist()))
+
+    def asked(self, mode: Mode) -> Problem:
+        """Return the problem that a mode solves."""
+        if mode == "fastest":
+            return self.problem
+        demands = {**self.problem.demands, "least_times": np.diff(self.times)}
+        return replace(self.problem, demands=demands)
+
+
+@dataclass(frozen=True, eq=False)
+class ChunkAnswer:
+    """A chunk's motion, and the verdict on it.
+
+    Attributes:
+        chunk: what was asked.
+        mode: "fastest" or "at-given-times".
+        trial: the motion, judged; `trajopt.write` writes it for a controller. Its planner says
+            whether it is the spline's.
+    """
+
+    chunk: Chunk
+    mode: Mode
+    trial: Trial
+
+    def __repr__(self) -> str:
+        name = self.chunk.problem.name
+        if self.duration is None:
+            return f"ChunkAnswer({name}: {self.trial.message})"
+        return f"ChunkAnswer({name}: {self.duration:.6g} s certified)"
+
+    @property
+    def motion(self) -> Trajectory | None:
+        """The certified motion; None where there is none, and `trial.message` says why."""
+        return self.trial.certified_trajectory
+
+    @property
+    def duration(self) -> float | None:
+        """The certified duration, s; None without one."""
+        return self.trial.certified_duration
+
+    @cached_property
+    def spline(self) -> float | None:
+        """The duration of the clamped spline through the targets, s, as little dilated as possible.
+
+        None where no dilation makes it lawful.
+        """
+        motion = self.chunk.spline.motion(self.chunk.asked(self.mode))
+        return None if motion is None else motion.duration
+
+    @cached_property
+    def delay(self) -> float | None:
+        """How late the motion passes the most late target, s; negative where all are early."""
+        if self.motion is None:
+            return None
+        return float((self.motion.waypoint_times - self.chunk.times)[1:].max())
+
+    @cached_property
+    def deviation(self) -> float | None:
+        """How far the motion passes from a target at most, rad (or m)."""
+        if self.motion is None:
+            return None
+        passed = self.motion(self.motion.waypoint_times)
+        return float(np.abs(passed - self.chunk.problem.waypoints).max())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
+        return {
+            "chunk": self.chunk.problem.name,
+            "mode": self.mode,
+            "given_duration": self.chunk.given_duration,
+            "spline_duration": self.spline,
+            "delay": self.delay,
+            "deviation": self.deviation,
+            **self.trial.as_dict(),
+        }
+
+
+def from_samples(
+    targets: ArrayLike,
+    limits: Limits,
+    *,
+    times: ArrayLike | None = None,
+    rate: float | None = None,
+    tolerance: ArrayLike = TOLERANCE,
+    start: ArrayLike | None = None,
+    name: str = "chunk",
+    joint_names: Sequence[str] = (),
+    joint_units: Sequence[str] = (),
+    chain: LinkChain | None = None,
+    start_velocity: ArrayLike | None = None,
+    start_acceleration: ArrayLike | None = None,
+    end_velocity: ArrayLike | None = None,
+    end_acceleration: ArrayLike | None = None,
+) -> Chunk:
+    """Return the chunk of some targets.
+
+    Args:
+        targets: rad (or m), `(targets, joints)`, at least two.
+        limits: of the arm.
+        times: of the targets, strictly increasing, s, `(targets,)`.
+        rate: targets per second, in place of `times`.
+        tolerance: how far a target may be missed, rad (or m): a number, or one per joint. The last
+            target is met exactly, and so is the first where the motion begins there.
+        start: where the arm is, rad, `(joints,)`; the targets follow, the first one after one step
+            of time. By default the motion begins at the first target.
+        name, joint_names, joint_units, chain: as a `Problem` has them.
+        start_velocity, end_velocity: rad/s, `(joints,)`; at rest by default.
+        start_acceleration, end_acceleration: with jerk limits, rad/s², `(joints,)`; 0 by default.
+
+    Raises:
+        InvalidInput: The targets, times, limits or states cannot be used; it says which, where, and
+            what would be right.
+    """
+    places = np.asarray(targets, dtype=float)
+    if places.ndim != 2 or len(places) < 2:
+        right = "(targets, joints), at least two targets"
+        raise InvalidInput("targets", right, value=f"shape {places.shape}")
+    for target, joint in np.argwhere(~np.isfinite(places))[:1].tolist():
+        value = float(places[target, joint])
+        raise InvalidInput(f"target {target + 1}", "a finite number", value=value, joint=joint)
+    stamps = _times(times, rate, len(places))
+    if start is not None:
+        place = np.asarray(start, dtype=float)
+        if place.shape != places.shape[1:]:
+            right = f"{places.shape[1]} numbers, one per joint of the targets"
+            raise InvalidInput("start", right, value=f"shape {place.shape}")
+        places = np.vstack([place, places])
+        stamps = np.append(0.0, stamps - stamps[0] + (stamps[1] - stamps[0]))
+    states = {
+        "start_velocity": start_velocity,
+        "start_acceleration": start_acceleration,
+        "end_velocity": end_velocity,
+        "end_acceleration": end_acceleration,
+    }
+    stated = {key: own for key, own in states.items() if own is not None}
+    near = {"tolerance": tolerance} if len(places) > 2 else {}
+    problem = Problem(
+        places,
+        limits,
+        name=name,
+        joint_names=joint_names,
+        joint_units=joint_units,
+        chain=chain,
+        demands={**near, **stated},
+    )
+    return Chunk(problem, stamps - stamps[0])
+
+
+def _times(times: ArrayLike | None, rate: float | None, count: int) -> Array:
+    """Return the times of the targets, s."""
+    if (times is None) == (rate is None):
+        raise InvalidInput("rate", "times or a rate, targets per second: one of both", value=rate)
+    if rate is not None:
+        if not 0 < rate < np.inf:
+            raise InvalidInput("rate", "targets per second, above 0", value=rate)
+        return np.arange(count) / rate
+    stamps = np.asarray(times, dtype=float)
+    if stamps.shape != (count,):
+        raise InvalidInput("times", f"{count}, one per target", value=f"shape {stamps.shape}")
+    for target in np.flatnonzero(~(np.diff(stamps) > 0) | ~np.isfinite(stamps[1:]))[:1].tolist():
+        right = f"a time after {stamps[target]:.6g} s, that of the target before"
+        raise InvalidInput(f"times, target {target + 2}", right, value=float(stamps[target + 1]))
+    return stamps
+
+
+def answers(
+    chunks: Sequence[Chunk], mode: Mode = "fastest", planner: object = None
+) -> list[ChunkAnswer]:
+    """Return the answers to several chunks; those of one shape are planned together.
+
+    Args:
+        chunks: of any size, of any robots.
+        mode: "fastest" or "at-given-times".
+        planner: a planner, or a registered one by its name; by default the best for the limits.
+
+    Raises:
+        UnknownName: There is no planner of this name.
+    """
+    problems = [chunk.asked(mode) for chunk in chunks]
+    found: list[Trial | None] = [None] * len(chunks)
+    for name in (_PLANNER, _JERK_PLANNER) if planner is None else (planner,):
+        jerky = name == _JERK_PLANNER
+        own = [
+            i
+            for i, problem in enumerate(problems)
+            if planner is not None or problem.has("jerk") == jerky
+        ]
+        for i, trial in zip(own, _planned(name, [problems[i] for i in own]), strict=True):
+            found[i] = trial
+    return [
+        _better(chunk, mode, problem, trial)
+        for chunk, problem, trial in zip(chunks, problems, found, strict=True)
+        if trial is not None
+    ]
+
+
+def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:
+    """Return the judged answers of a planner, which may plan problems together."""
+    if not problems:
+        return []
+    own = Configuration.given(planner)
+    started = now()
+    every: list[Answers] = []
+    if len(problems) > 1:
+        try:
+            every = answered_many(own.planner, problems, [0] * len(problems))
+        except Exception:  # whatever a planner raises: which of them it failed on is not known
+            every = []
+    every = every or [answered(own.planner, problem, [0]) for problem in problems]
+    return [
+        judged(own.entrant, problem, [0], found, started)[0]
+        for problem, found in zip(problems, every, strict=True)
+    ]
+
+
+def _better(chunk: Chunk, mode: Mode, problem: Problem, trial: Trial) -> ChunkAnswer:
+    """Return the planner's answer, or the spline's where that is no slower."""
+    planned = trial.certified_duration
+    motion = chunk.spline.motion(problem, planned)
+    if motion is not None and (planned is None or motion.duration <= planned * (1 + _SAME_RTOL)):
+        own = Configuration.of(chunk.spline, _SPLINE, _SPLINE)
+        solution = Solution(Status.SOLVED, motion, trial.message if planned is None else "")
+        found = Answers([solution], Relation.RESTRICTION, wall_time=trial.solve_time)
+        trial = judged(own.entrant, problem, [0], found, trial.started)[0]
+    elif planned is None and trial.status is not Status.INFEASIBLE:
+        trial = best(problem, 0).trial
+    return ChunkAnswer(chunk, mode, trial)
+
+
+@dataclass(frozen=True)
+class DilatedSpline(Planner):
+    """The clamped cubic spline through the points at given times, dilated as little as possible.
+
+    With jerk limits it is the quintic spline, with accelerations at its ends: a cubic one begins
+    with a jump of the acceleration.
+
+    Attributes:
+        times: of the waypoints, s.
+    """
+
+    times: tuple[float, ...]
+
+    knows = (
+        *("velocity", "acceleration", "jerk", "position", "segment"),
+        *(*END_STATES, "least_times", "tolerance"),
+    )
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        motion = self.motion(problem)
+        if motion is None:
+            return Solution(Status.FAILED, message="no dilation makes the spline lawful")
+        return Solution(Status.SOLVED, motion)
+
+    def motion(self, problem: Problem, above: float | None = None) -> Trajectory | None:
+        """Return the certified spline of least dilation; None where none is lawful.
+
+        Args:
+            problem: through the waypoints.
+            above: the duration of an answer that is known, s. A spline in motion at an end that is
+                not lawful in that time is None: a slower one is of no use.
+        """
+        least = 1.0 if "least_times" in problem.demands else 0.0
+        if problem.route.dilatable:
+            whole = self._spline(problem, 1.0)
+            certificate = verify(problem.without("least_times"), whole)
+            if not certificate.valid:
+                return None
+            return keeping(problem, whole.dilated(max(certificate.dilation, least, 1e-12)))
+
+        def lawful(k: float) -> Trajectory | None:
+            spline = self._spline(problem, k)
+            return spline if keeps(problem, spline) else None
+
+        if above is None:
+            return _least(lawful, 1.0, least)
+        first = max(above / self.times[-1], least)
+        return _least(lawful, first, least) if lawful(first) else None
+
+    def _spline(self, problem: Problem, dilation: float) -> Trajectory:
+        """Return the spline in `dilation` times the given times, with the states at the ends."""
+        from scipy.interpolate import CubicSpline, make_interp_spline  # late: SciPy is large
+
+        times = dilation * np.array(self.times)
+        begins, ends = problem.route.start, problem.route.end
+        if not problem.has("jerk"):
+            cubic = CubicSpline(times, problem.waypoints, bc_type=((1, begins[0]), (1, ends[0])))
+            return Trajectory(times, cubic.c, times)
+        rules = tuple([(1, own[0]), (2, own[1])] for own in (begins, ends))
+        quintic = make_interp_spline(times, problem.waypoints, k=5, bc_type=rules)
+        taylor = [quintic(times[:-1], order) / factorial(order) for order in range(5, -1, -1)]
+        return Trajectory(times, np.array(taylor), times)
+
+
+def _least(
+    lawful: Callable[[float], Trajectory | None], first: float, least: float
+) -> Trajectory | None:
+    """Return the motion of about the least dilation that is lawful.
+
+    Args:
+        lawful: returns the motion of a dilation, or None.
+        first: the dilation that is tried first.
+        least: no smaller one is tried.
+    """
+    found = lawful(first)
+    low, high = first, first
+    while found is None and high < _MAX_DILATION:
+        low, high = high, 2 * high
+        found = lawful(high)
+    while high == low and low > max(least, first / _MAX_DILATION):
+        low = max(low / 2, least)
+        faster = lawful(low)
+        if faster is None:
+            break
+        found, high = faster, low
+    for _ in range(_HALVINGS if low < high else 0):
+        middle = (low + high) / 2
+        faster = lawful(middle)
+        if faster is None:
+            low = middle
+        else:
+            found, high = faster, middle
+    return found
