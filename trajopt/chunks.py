@@ -188,6 +188,7 @@ class ChunkAnswer:
             if not missed or known.duration >= motion.duration * (1 - within / 2):
                 break
             kept[missed] = True
+        part, known = _decisive(part, known, within / 4)
         prover = cast(_Prover, load(f"prove:time_limit={seconds},within={within / 4}"))
         return prover.beside(part, known)
 
@@ -347,6 +348,23 @@ def _turning(problem: Problem) -> Bools:
             elif sign <= 0 and x[i] - x[low] > far:
                 kept[low], sign, low, high = True, 1, i, i
     return kept
+
+
+def _decisive(problem: Problem, motion: Trajectory, within: float) -> tuple[Problem, Trajectory]:
+    """Return the problem of the joints that decide its time, and their motion.
+
+    A joint is left out where the others take as long without it, to a share `within`.
+    """
+    for joint in np.argsort(np.abs(problem.displacements).sum(axis=0)):
+        others = [own for own in range(problem.joints) if own != joint]
+        if not others or not problem.moving[others].any():
+            continue
+        fewer = problem.only(others)
+        (trial,) = _planned(_PLANNER, [fewer])
+        known = trial.certified_trajectory
+        if known is not None and known.duration >= motion.duration * (1 - within):
+            return _decisive(fewer, known, within)
+    return problem, motion
 
 
 def _missed(problem: Problem, kept: Bools, motion: Trajectory) -> list[int]:

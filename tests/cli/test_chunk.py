@@ -87,3 +87,24 @@ def test_flags_that_do_not_fit(run, flags, said):
     code, out, err = run(f"chunk c.csv --limits l.yaml {flags}", c__csv=text, l__yaml=LIMITS)
     assert code == 2
     assert said in " ".join((out + err).split())
+
+
+def test_verify_shows_a_line_for_each_episode(run, tmp_path):
+    import h5py
+
+    rows = targets("anchored", 0, 40, 14)
+    with h5py.File(tmp_path / "episode_0.hdf5", "w") as file:
+        file["action"] = rows
+        file["observations/qpos"] = rows
+    code, out, err = run("verify episode_0.hdf5 --robot aloha --rate 50 --json")
+    assert code == 1, err
+    (told,) = json.loads(out)["episodes"]
+    assert told["episode"] == "episode_0"
+    size, _, at = told["steps"][0]
+    jumps = np.abs(np.diff(rows, axis=0))
+    arms = [joint for joint in range(14) if joint % 7 != 6]  # without the grippers
+    assert size == pytest.approx(jumps[:, arms].max())
+    assert at == pytest.approx((jumps[:, arms].max(axis=1).argmax() + 1) / 50)
+    code, out, err = run("verify episode_0.hdf5 --robot aloha --rate 50")
+    assert "broken" in out
+    assert code == 1

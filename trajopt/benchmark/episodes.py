@@ -2,13 +2,19 @@
 
 - `.csv`, `.txt`, `.npz`, `.npy`, `.json`: as a motion's (`trajopt.formats.motion`), where a column
   `chunk` or `episode_index` tells several apart, an array has a further axis for them, or a list
-  has a table for each.
+  has a table for each;
+- `.parquet`: LeRobot's, versions 2 and 3, with lists of numbers in cells. The names of joints and
+  the rate come from its `meta/info.json`. A list of lists in a cell is a chunk;
+- `.hdf5`, `.h5`: ALOHA's (`action`, `observations/qpos`) and robomimic's (`data/demo_0`, of which
+  the joint positions are read: its actions are no joint positions);
+- `.mcap`: a bag of ROS 2. Each topic of `JointState` is an episode, each `JointTrajectory` a chunk.
 
 What is wrong with one of them does not hinder the others: it has its error in place of samples.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,8 +33,11 @@ from trajopt.core.units import ANGLES, asked
 from trajopt.formats import arrays, csv_file, samples_csv
 from trajopt.formats.csv_file import Table
 from trajopt.formats.samples import Samples
+from trajopt.planners.planner import backend
 
-ENDINGS = (".csv", ".txt", ".npz", ".npy", ".json")
+RECORDED = (".parquet", ".hdf5", ".h5", ".mcap")
+"""Endings of the files of recorded episodes, which no other reader takes."""
+ENDINGS = (".csv", ".txt", ".npz", ".npy", ".json", *RECORDED)
 """Endings of the files that `read` takes."""
 
 # Headings of columns that say to which episode and to which chunk a line belongs.
@@ -36,6 +45,19 @@ _KEYS = (
     re.compile(r"episode(?:[_ ]?(?:index|id|idx|nr))?", re.IGNORECASE),
     re.compile(r"chunk(?:[_ ]?(?:index|id|idx|nr))?", re.IGNORECASE),
 )
+
+
+def is_recorded(path: Path) -> bool:
+    """Return whether a file has recorded episodes; a `.h5` may have results instead."""
+    if path.suffix != ".h5":
+        return path.suffix in RECORDED
+    import h5py  # late: reading other files needs none of it
+
+    try:
+        with h5py.File(path) as file:
+            return "action" in file or "data" in file
+    except OSError:
+        return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +96,21 @@ def read(
     Raises:
         InvalidInput: The file cannot be read, or has no samples; names it and what would be right.
     """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = _read(path, unit, joint_units, rate, size)
+    for said, kind in dict.fromkeys((str(own.message), own.category) for own in caught):
+        warnings.warn(kind(said), stacklevel=2)  # once, not for each part
+    return found
+
+
+def _read(
+    path: Path,
+    unit: str | None,
+    joint_units: Mapping[str, str],
+    rate: float | None,
+    size: int | None,
+) -> list[Episode]:
     wanted = asked(unit)
     try:
         whole = list(_tables(path, rate))
@@ -138,6 +175,9 @@ def _tables(path: Path, rate: float | None) -> Iterator[tuple[str, Table | Inval
 
 def _held(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield the arrays of each chunk of a file of arrays, with its name where it has one."""
+    if path.suffix in RECORDED:
+        yield from _READERS[path.suffix](path)
+        return
     if path.suffix == ".json":
         given = files.json(path, "samples")
     elif path.suffix in (".npz", ".npy"):
@@ -259,3 +299,129 @@ def _timed(table: Table, rate: float | None) -> Table:
         headings.append("time [s]")
         cells.append([str(step * row) for row in range(len(table.columns[0]))])
     return replace(table, headings=headings, cells=cells)
+
+
+def _parquet(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the arrays of each episode of a Parquet file; of each cell where one holds a chunk."""
+    pyarrow = backend("pyarrow", "parquet")
+    parquet = backend("pyarrow.parquet", "parquet")
+    try:
+        with files.opened(path) as file:
+            whole = parquet.ParquetFile(file)
+            wanted = [
+                field.name for field in whole.schema_arrow if _is_numbers(pyarrow, field.type)
+            ]
+            columns = whole.read(columns=wanted)
+        held = {name: _rows_of(columns[name]) for name in wanted}
+    except (pyarrow.ArrowException, OSError, ValueError) as error:
+        raise files.unreadable(path, "episodes", "Parquet", error) from None
+    info = _info(path)
+    chunked = [name for name, own in held.items() if own.ndim == 3]
+    if chunked:
+        for number in range(len(held[chunked[0]])):
+            yield "", {**info, **{name: held[name][number] for name in chunked}}
+        return
+    index = held.pop("episode_index", None)
+    numbers = [] if index is None else np.unique(index).tolist()
+    for number in numbers or [None]:
+        some = slice(None) if number is None else index == number
+        name = f"episode-{number}" if len(numbers) > 1 else ""
+        yield name, {**info, **{key: own[some] for key, own in held.items()}}
+
+
+def _is_numbers(pyarrow: Any, kind: Any) -> bool:
+    """Return whether a column has numbers, or lists of them."""
+    types = pyarrow.types
+    while types.is_list(kind) or types.is_fixed_size_list(kind) or types.is_large_list(kind):
+        kind = kind.value_type
+    return bool(types.is_floating(kind) or types.is_integer(kind))
+
+
+def _rows_of(column: Any) -> NDArray[Any]:
+    """Return a column as an array, a row for each row; raises `ValueError` for uneven lists."""
+    found = column.to_numpy()
+    while found.dtype == object:
+        found = np.stack([np.stack([*own]) if own.dtype == object else own for own in found])
+    return np.asarray(found)
+
+
+def _info(path: Path) -> dict[str, Any]:
+    """Return names and rate from a LeRobot data set's `meta/info.json`, where it is there."""
+    for folder in path.absolute().parents[1:4]:
+        file = folder / "meta" / "info.json"
+        if not file.is_file():
+            continue
+        found = files.json(file, "info")
+        action = found.get("features", {}).get("action", {})
+        names = action.get("names") or []
+        if isinstance(names, Mapping):  # {"motors": [...]}
+            names = next(iter(names.values()), [])
+        rate = {"fps": found["fps"]} if found.get("fps") else {}
+        return {"joint_names": [str(own).removesuffix(".pos") for own in names], **rate}
+    return {}
+
+
+_ALOHA = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
+
+
+def _hdf5(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the arrays of ALOHA's episode, or of each of robomimic's demonstrations."""
+    import h5py  # late: reading other files needs none of it
+
+    try:
+        with files.opened(path) as opened, h5py.File(opened, "r") as file:
+            demos = file.get("data")
+            if isinstance(demos, h5py.Group):
+                env = json.loads(demos.attrs.get("env_args", "{}"))
+                rate = env.get("env_kwargs", {}).get("control_freq")
+                for name in sorted(demos, key=lambda own: (len(own), own)):
+                    held = {"q": demos[name]["obs/robot0_joint_pos"][()]}
+                    yield name, held | ({"fps": rate} if rate else {})
+                return
+            held = {
+                "action": file["action"][()],
+                "observation.state": file["observations/qpos"][()],
+            }
+    except (KeyError, OSError, ValueError) as error:
+        raise files.unreadable(path, "episodes", "HDF5", error) from None
+    if held["action"].shape[1] == 2 * len(_ALOHA):
+        held["joint_names"] = [f"{side}_{own}" for side in ("left", "right") for own in _ALOHA]
+    yield "", held
+
+
+def _mcap(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the joint states of each topic of a bag, and each joint trajectory."""
+    bags, decoder = backend("mcap.reader", "mcap"), backend("mcap_ros2.decoder", "mcap")
+    states: dict[tuple[str, tuple[str, ...]], tuple[list[float], list[Any]]] = {}
+    try:
+        with files.opened(path) as file:
+            bag = bags.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+            messages = [
+                (channel.topic, own.log_time, message)
+                for _, channel, own, message in bag.iter_decoded_messages()
+                if hasattr(message, "position") or hasattr(message, "points")
+            ]
+        for name, log_time, message in messages:
+            topic = name.strip("/").replace("/", "-")
+            if hasattr(message, "position") and hasattr(message, "name") and len(message.position):
+                stamps, rows = states.setdefault((topic, tuple(message.name)), ([], []))
+                stamp = message.header.stamp
+                stamps.append(stamp.sec + stamp.nanosec / 1e9)
+                rows.append(list(message.position))
+            elif hasattr(message, "points") and hasattr(message, "joint_names"):
+                starts = [point.time_from_start for point in message.points]
+                yield (
+                    f"{topic}-{log_time}",
+                    {
+                        "joint_names": list(message.joint_names),
+                        "time": np.array([start.sec + start.nanosec / 1e9 for start in starts]),
+                        "action": np.array([list(point.positions) for point in message.points]),
+                    },
+                )
+    except Exception as error:  # of the reader, its decoder, or the system
+        raise files.unreadable(path, "episodes", "MCAP", error) from None
+    for (topic, names), (stamps, rows) in states.items():
+        yield topic, {"joint_names": list(names), "time": np.array(stamps), "q": np.array(rows)}
+
+
+_READERS = {".parquet": _parquet, ".hdf5": _hdf5, ".h5": _hdf5, ".mcap": _mcap}

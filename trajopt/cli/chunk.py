@@ -52,7 +52,8 @@ class _States:
 
 def chunk(
     path: Annotated[
-        Path, Parameter(help="Targets: .csv, .npz, .npy or .json, one chunk or several.")
+        Path,
+        Parameter(help="Targets, one chunk or several: .csv, .npz, .json, .parquet, .hdf5, .mcap."),
     ],
     *,
     robot: RobotFlags = NO_FLAGS,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import tau
@@ -10,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from trajopt.benchmark import episodes
 from trajopt.benchmark.logs import AS_LOG, LogOptions
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification, verification
@@ -32,10 +34,10 @@ from trajopt.cli.parameters import (
 from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.demand import END_STATES
-from trajopt.core.exceptions import InvalidInput, TrajoptError
+from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.units import ANGLES
-from trajopt.formats.motion import ENDINGS, WITH_UNITS, motion
+from trajopt.formats.motion import ENDINGS, WITH_UNITS, Motion, motion, of_samples
 from trajopt.formats.samples import known_as
 from trajopt.judgement import Execution, as_executed, taking_over
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
@@ -47,6 +49,7 @@ MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are liste
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
 _NO_LIMIT = 1e6  # rad/s²: the same where other joints have a limit
 _OF_MOTIONS = ("duration s", "velocity", "acceleration", "jerk")
+_OF_EPISODES = ("duration s", "velocity", "acceleration", "step")
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
@@ -59,6 +62,9 @@ def verify(
     resolution: Resolution = None,
     commanded: Commanded = None,
     window: Window = DEFAULT_WINDOW_S,
+    rate: Annotated[
+        float | None, number("Samples per second of episodes without times.", above=0)
+    ] = None,
     before: Path | None = None,
     at: Annotated[float | None, number("Time of the hand-over in it, s.", least=0)] = None,
     out: LogOut = None,
@@ -80,17 +86,24 @@ def verify(
 
     Args:
         path: Results folder or results.h5; or a motion's file.
-        more: Further motions: each gets a line, and the exit code is that of the worst.
+        more: Further motions: each gets a line, and the exit code is that of the worst. Episodes of
+            learned policies (.parquet, .hdf5, .mcap) get a line each.
         before: Motion that runs until this one takes over, at --at.
     """
     if (before is None) != (at is None):
         raise InvalidInput("--at", "--before FILE and --at SECONDS, both or neither", value=at)
-    if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
+    recorded = any(map(episodes.is_recorded, (path, *more)))
+    if rate is not None and not recorded:
+        right = f"episodes ({', '.join(episodes.RECORDED)}): a motion has times"
+        raise InvalidInput("--rate", right, value=rate)
+    if recorded or (path.suffix in ENDINGS and not path.is_dir() and not is_trial(path)):
         log = None
         if interpolation in AS_LOG:
             log = LogOptions(noise, resolution, commanded, window)
         check_log_out(out, force=force)
         judged = _Judged(robot, interpolation, log, before, at)
+        if recorded:
+            return _verify_episodes([path, *more], judged, rate, json)
         if more:
             return _verify_motions([path, *more], judged, out, json)
         return _verify_motion(path, judged, out, json)
@@ -128,6 +141,14 @@ class _Judged:
     at: float | None
 
     @property
+    def robot_by_name(self) -> RobotOptions:
+        """Return the flags with a robot's name where --limits has one."""
+        name = self.robot.limits
+        if name is None or name.suffix in (".yaml", ".yml"):
+            return self.robot
+        return replace(self.robot, robot=str(name), limits=None)
+
+    @property
     def limits(self) -> str:
         """Return whose limits these are, in words.
 
@@ -143,10 +164,10 @@ class _Judged:
             said["--acceleration"] = f"{self.robot.acceleration:g} rad/s² for joints without one"
         return ", ".join(map(str, said.values()))
 
-    def __call__(self, path: Path) -> Execution:
-        """Return the verdict on the motion of a file."""
+    def __call__(self, path: Path, given: Motion | None = None) -> Execution:
+        """Return the verdict on the motion of a file, or on one that was read from it."""
         with kinds.reading(path, "motion"):
-            found = executed(path, self.robot, self.interpolation, self.log)
+            found = executed(path, self.robot, self.interpolation, self.log, given)
         if self.before is not None and self.at is not None:
             units = dict.fromkeys(found.problem.joint_names, "rad")
             with kinds.reading(self.before, "motion"):
@@ -216,12 +237,122 @@ def _verify_motions(paths: Sequence[Path], judged: _Judged, out: Path | None, js
     return max(codes)
 
 
+def _verify_episodes(paths: Sequence[Path], judged: _Judged, rate: float | None, json: bool) -> int:
+    """Judge each episode of some files by the same limits: a line each, the worst exit code.
+
+    Positions that were commanded are judged as known to their digits: what is broken is broken by
+    every motion through them. With --interpolation linear they are joined by lines.
+    """
+    limits = judged.limits
+    table = console.table("episode", "verdict", numbers=_OF_EPISODES)
+    told: list[dict[str, Any]] = []
+    codes = []
+    for path in paths:
+        with kinds.reading(path, "motion"):
+            own = asked.robot_limits(path.name, judged.robot_by_name)
+            units = {**dict.fromkeys(own.joints, ""), **own.units}
+            parts = episodes.read(path, judged.robot.unit, units, rate=rate)
+        for part in parts:
+            name = (
+                part.name
+                if len(paths) == 1
+                else f"{path.stem} {part.name}".removesuffix(f" {path.stem}")
+            )
+            try:
+                if part.samples is None:
+                    raise part.error or InvalidInput("samples", "some")
+                with warnings.catch_warnings():
+                    if told:  # what was said of the first one
+                        warnings.simplefilter("ignore", FileNote)
+                    found = judged(path, of_samples(name, part.samples, judged.interpolation))
+            except TrajoptError as error:
+                words = str(error).replace("unit=", "--unit ")
+                table.row(name, words)
+                told.append({"episode": name, "error": words})
+                codes.append(2)
+                continue
+            told.append({"episode": name, "steps": _steps(found), **found.as_dict()})
+            table.row(name, _told_briefly(found), *_uses(found))
+            codes.append(1 if found.broken else 0)
+    if json:
+        console.print_json({"episodes": told})
+    else:
+        console.OUT.print(table)
+        console.paragraph(
+            f"Uses are shares of the limits of {limits}"
+            + (
+                ", of the gentlest motion found through the positions as they are known"
+                if judged.log is not None
+                else f", joined as {judged.interpolation}"
+            )
+            + "; step: the largest change from one position to the next, and when."
+        )
+    return max(codes)
+
+
+def _told_briefly(found: Execution) -> str:
+    """Return the verdict on an episode, with the strongest proof where a limit is broken."""
+    evidence = found.evidence
+    if evidence is None:
+        verdict = "feasible" if found.kept else "not feasible"
+        flawed = found.certificate.flaws and not found.kept
+        return f"{verdict}: {found.certificate.flaws[0]}" if flawed else verdict
+    proof = evidence.conviction
+    if proof is None:
+        return str(evidence.verdict)
+    joint = found.problem.joint_labels[proof.joint]
+    if proof.limit == "position":
+        unit = found.problem.unit(proof.joint)
+        return f"broken: {joint}, {proof.at_least:.3g} {unit} out of range at {proof.start:.4g} s"
+    limit = proof.limit or "all limits together"
+    return f"broken: {joint}, {proof.at_least:.4g} of its {limit} limit at {proof.start:.4g} s"
+
+
+def _uses(found: Execution) -> list[str]:
+    """Return duration, uses and the largest step of an episode, as the table shows them."""
+    uses = [found.certificate.uses.get(key) for key in ("velocity", "acceleration")]
+    size, _, at = _steps(found)[0]
+    return [
+        f"{found.certificate.duration:.6g}",
+        *("" if use is None or not np.isfinite(use.value) else f"{use.value:.4f}" for use in uses),
+        f"{size:.3g} at {at:.4g}",
+    ]
+
+
+def _steps(found: Execution) -> list[tuple[float, int, float]]:
+    """Return the largest change between two positions, its joint from 1, and its time, s.
+
+    The largest of all joints comes first.
+    """
+    samples = found.motion.samples
+    if samples is None:
+        return []
+    sizes = np.abs(np.diff(samples.positions, axis=0))
+    rows = sizes.argmax(axis=0).tolist()
+    every = [
+        (float(sizes[row, joint]), joint + 1, float(samples.times[row + 1] - samples.times[0]))
+        for joint, row in enumerate(rows)
+    ]
+    return sorted(every, reverse=True)
+
+
 def executed(
-    path: Path, robot: RobotFlags, interpolation: Interpolation, log: LogOptions | None
+    path: Path,
+    robot: RobotFlags,
+    interpolation: Interpolation,
+    log: LogOptions | None,
+    read: Motion | None = None,
 ) -> Execution:
     """Judge the motion by the limits of a file, a robot or a problem.
 
     Joints are found by their names, or in their order where the motion or the problem has none.
+
+    Args:
+        path: The file.
+        robot: The flags of the limits.
+        interpolation: How samples are joined.
+        log: How a log is judged.
+        read: The motion, where it was read from the file already.
     """
     if robot.limits is not None and robot.limits.suffix not in (".yaml", ".yml"):
         if robot.robot is not None or robot.urdf is not None:
@@ -234,7 +365,7 @@ def executed(
             asked.note_acceleration(robot, completed=())
             stated = zip(problem.joint_labels, problem.joint_units, strict=False)
             units = dict(stated) or dict.fromkeys(problem.joint_names, "rad")
-            given = motion(path, interpolation, robot.unit, units)
+            given = read or motion(path, interpolation, robot.unit, units)
             return as_executed(
                 given.for_joints(problem.joint_names),
                 problem.limits,
@@ -244,7 +375,8 @@ def executed(
             )
         robot = replace(robot, robot=name, limits=None)
     own = asked.robot_limits(path.name, robot)
-    given = motion(path, interpolation, robot.unit, {**dict.fromkeys(own.joints, ""), **own.units})
+    units = {**dict.fromkeys(own.joints, ""), **own.units}
+    given = read or motion(path, interpolation, robot.unit, units)
     names = known_as(
         given.joint_names, own.joint_names, ordered=own.ordered and not given.of_message
     )
