@@ -159,6 +159,19 @@ class Trajectory:
             array.setflags(write=False)
         self.__dict__.update(arrays)
 
+    def with_coefficients(self, coefficients: Array, waypoint_times: Array) -> Trajectory:
+        """The motion of other polynomials between the same breaks.
+
+        Args:
+            coefficients: finite; the array is taken over, which cannot be changed then: a copy of a
+                log's motion may be hundreds of MB.
+            waypoint_times: at breaks, s.
+        """
+        found = object.__new__(Trajectory)
+        arrays = {"coefficients": coefficients, "waypoint_times": waypoint_times}
+        found.__setstate__({**self.__getstate__(), **arrays})
+        return found
+
     def dilated(self, factor: float) -> Trajectory:
         """Slow the motion down `factor` times: the n-th derivative divides by `factor ** n`.
 

@@ -123,32 +123,39 @@ def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajector
         layout = _layout(problem, motion, met)
         if layout is None:
             return None
-        rebased = _rebased(layout)
-        corrected = _corrected(problem, layout, rebased)
-        finite = np.isfinite(corrected)
+        rebased = _rebased(layout, anew=motion is trajectory)
+        coefficients, changed = _corrected(problem, layout, rebased)
+        del rebased
+        finite = np.isfinite(coefficients)
         if not finite.all():
             return None
-        motion = _placed(layout, corrected)
-        if corrected is rebased:
+        motion = _placed(layout, coefficients)
+        if not changed:
             break
     return motion
 
 
 def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
-    """Return the motion of coefficients whose positions count from the segment's first waypoint."""
-    placed = np.array(coefficients)
-    placed[-1] += layout.origins
+    """Return the motion of coefficients whose positions count from the segment's first waypoint.
+
+    The array becomes that of the motion.
+    """
+    coefficients[-1] += layout.origins
     motion = layout.trajectory
     times = motion.breaks[layout.waypoint_breaks]
-    return replace(motion, coefficients=placed, waypoint_times=times)
+    return motion.with_coefficients(coefficients, times)
 
 
-def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
+def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> tuple[Array, bool]:
     """Return the coefficients of a motion without miss, jump, or excess over a position limit.
 
-    Positions are relative to the segment's first waypoint. The same array is returned where no
-    correction is needed.
+    Positions are relative to the segment's first waypoint. The array is changed, or replaced where
+    it has too few rows.
+
+    Returns:
+        The coefficients, and whether a correction was needed.
     """
+    changed = False
     at_limits = problem.has("position")
     accelerations_too = problem.limits.smooth >= 2
     by_order = {1: ~accelerations_too, 2: accelerations_too}
@@ -164,6 +171,7 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
             added = _added(layout, joints, parts[0], missed, jumps)
             if at_limits or not _is_negligible(added, layout, problem, parts[0]):
                 coefficients = polynomials.plus(coefficients, added)
+                changed = True
             continue
         every = (_added(layout, joints, some, missed, jumps) for some in parts)
         negligible = (
@@ -171,14 +179,18 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
             for added, some in zip(every, parts, strict=True)
         )
         if at_limits or not all(negligible):
-            coefficients = polynomials.plus(coefficients, np.zeros((2 * order + 2, 1, 1)))
+            changed = True
+            if len(coefficients) < 2 * order + 2:
+                coefficients = polynomials.plus(coefficients, np.zeros((2 * order + 2, 1, 1)))
             for some in parts:
                 lowest = coefficients[-2 * order - 2 :, :, some]
                 lowest += _added(layout, joints, some, missed, jumps)
                 coefficients[-2 * order - 2 :, :, some] = lowest
     if at_limits:
+        before = coefficients
         coefficients = _within_position_limits(problem, layout, coefficients)
-    return coefficients
+        changed |= coefficients is not before
+    return coefficients, changed
 
 
 @dataclass(frozen=True)
@@ -328,10 +340,14 @@ def _with_added(layout: _Layout, order: int, added: Array) -> _Layout:
     return replace(layout, trajectory=replace(layout.trajectory, coefficients=own))
 
 
-def _rebased(layout: _Layout) -> Array:
+def _rebased(layout: _Layout, *, anew: bool) -> Array:
     """Return the coefficients with positions integrated anew from each segment's first waypoint.
 
     Positions then do not jump within a segment; only its end may miss the waypoint.
+
+    Args:
+        layout: of the segments.
+        anew: Whether they are a new array; else the motion's is changed, which is then no motion.
     """
     # A piece starts where the pieces before it in its segment end.
     travel = layout.travel
@@ -339,7 +355,11 @@ def _rebased(layout: _Layout) -> Array:
     before = ended - travel
     before_segment = before[layout.first]
     within = before - layout.of_pieces(before_segment)
-    coefficients = np.array(layout.trajectory.coefficients)
+    coefficients = layout.trajectory.coefficients
+    if anew:
+        coefficients = np.array(coefficients)
+    else:
+        coefficients.setflags(write=True)
     coefficients[-1] = within
     return coefficients
 
@@ -797,20 +817,38 @@ def _needed_share(
     problem: Problem, layout: _Layout, mixed: Array, side: Array, allowed_excess: Array
 ) -> Array:
     """Return the share `λ` of the resting motion that each joint still needs, `(joints,)`."""
+    needed = np.zeros(problem.joints)
+    for some in _joints_in_parts(layout, np.ones(problem.joints, dtype=bool)):
+        whole = len(some) == problem.joints
+        own = mixed if whole else mixed[..., some]
+        needed[some] = _needed_by(some, problem, layout, own, side, allowed_excess)
+    return np.clip(needed, 0.0, 1.0)
+
+
+def _needed_by(
+    some: Indices,
+    problem: Problem,
+    layout: _Layout,
+    mixed: Array,
+    side: Array,
+    allowed_excess: Array,
+) -> Array:
+    """Return the share that some joints need, whose motion is `mixed`."""
     lengths = layout.trajectory.lengths
-    low, high = problem.limits.position.T
-    lowest = low - layout.origins
-    highest = high - layout.origins
+    low, high = problem.limits.position[some].T
+    origins = layout.of_pieces(layout.waypoints[:-1, some])
+    lowest = low - origins
+    highest = high - origins
     unit = polynomials.stretched(mixed, lengths)
     # The rounding of the whole segment counts: a piece starts where the pieces before it end.
     of_each = polynomials.evaluation_rounding(unit)
     largest = np.maximum.reduceat(of_each, layout.first)
-    segment_rounding = np.maximum(largest, allowed_excess)
+    segment_rounding = np.maximum(largest, allowed_excess[:, some])
     rounding = layout.of_pieces(segment_rounding)
     controls = polynomials.bernstein(unit)
     above = controls.max(axis=0) > highest + rounding
     below = controls.min(axis=0) < lowest - rounding
-    needed = np.zeros(problem.joints)
+    needed = np.zeros(len(some))
     may_leave = above | below
     if not may_leave.any():
         return needed
@@ -821,7 +859,7 @@ def _needed_share(
     values = polynomials.evaluate(candidates[:, None], points)
     resting = _resting(problem, layout, side)
     unit_rest = polynomials.stretched(resting, lengths)
-    rest = unit_rest[:, pieces, joints]
+    rest = unit_rest[:, pieces, some[joints]]
     at_rest = polynomials.evaluate(rest[:, None], points)
     inside = np.clip(values, lowest[where], highest[where])
     beyond = values - inside
@@ -830,4 +868,4 @@ def _needed_share(
     ratio = beyond / (values - at_rest)
     share = np.where(outside, ratio, 0.0)
     np.maximum.at(needed, joints, share.max(axis=0))
-    return np.clip(needed, 0.0, 1.0)
+    return needed

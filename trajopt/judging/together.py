@@ -309,12 +309,10 @@ class _Table:
         return np.logical_and.reduceat(kept, _begins(owner))
 
     def _motion(self, row: int, repaired: Array) -> Trajectory:
-        """Return a motion with other coefficients, which are finite: nothing is to be checked."""
+        """Return a motion with its coefficients in the table."""
         motion = self._motions[row]
-        found = object.__new__(Trajectory)
-        coefficients = np.ascontiguousarray(repaired[:, self._pieces.of(row)])
-        found.__setstate__({**motion.__getstate__(), "coefficients": coefficients})
-        return found
+        coefficients = np.array(repaired[:, self._pieces.of(row)])
+        return motion.with_coefficients(coefficients, motion.waypoint_times)
 
     def _worst(self, key: str) -> list[Use | None]:
         """Return the worst use of a limit by each motion; None where it is to be judged alone."""
