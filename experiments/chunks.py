@@ -9,6 +9,8 @@
 - answers: in batches of 25: certified, over the dilated spline, CPU s of a chunk;
 - single: one call a chunk, CPU s;
 - bounds: the answer over a proved bound (`ChunkAnswer.bound`), minus 1;
+- steps: a chunk that takes over from one that runs, three tenths of it passed, with new noise of 5
+  mrad and another anchor of 10 mrad: CPU s of a step;
 - jerk: the same chunks with jerk limits of 200 rad/s³, one call a chunk;
 - rivals: what is done today, at the chunk's own times and played as fast as the answer.
 
@@ -37,7 +39,7 @@ from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Limits, Trajectory, verify
 from trajopt.benchmark.suites.chunks import JOINTS, KINDS, RATE, targets
-from trajopt.chunks import TOLERANCE, Chunk, ChunkAnswer, answers, from_samples
+from trajopt.chunks import TOLERANCE, Chunk, ChunkAnswer, answers, from_samples, take_over
 from trajopt.core.arrays import Array
 from trajopt.judging.verification import certified
 from trajopt.planners.registry import load
@@ -94,6 +96,20 @@ def bounds(kind: str, number: int) -> Iterator[dict[str, Any]]:
     seconds = time.process_time() - began
     assert answer.duration is not None
     yield row("bound", answer, seconds) | {"bound": bound, "gap": answer.duration / bound - 1}
+
+
+def stepped(kind: str, number: int) -> Iterator[dict[str, Any]]:
+    """Let new targets take over from a motion that runs."""
+    asked = chunk(kind, number)
+    running = asked.fastest().motion
+    assert running is not None
+    at = 0.3 * running.duration
+    ahead = asked.problem.waypoints[np.searchsorted(running.waypoint_times, at) + 1 :]
+    rng = np.random.default_rng(number)
+    moved = ahead + rng.normal(0, 0.005, ahead.shape) + rng.normal(0, 0.01, JOINTS)
+    began = time.process_time()
+    answer = take_over(running, at, moved, asked.problem.limits, rate=RATE)
+    yield row("step", answer, time.process_time() - began)
 
 
 def rivals(kind: str, number: int) -> Iterator[dict[str, Any]]:
@@ -209,7 +225,7 @@ def main(
     proved: int = 16,
     output: Path = Path("results/chunks"),
     quick: bool = False,
-    only: Literal["all", "answers", "single", "bounds", "jerk", "rivals"] = "all",
+    only: Literal["all", "answers", "single", "steps", "bounds", "jerk", "rivals"] = "all",
 ) -> None:
     """Measure what is missing, and print medians.
 
@@ -219,6 +235,7 @@ def main(
     sizes = {
         "answers": (answered, each[0] // (len(KINDS) * BATCH)),
         "single": (alone, each[1] // len(KINDS)),
+        "steps": (stepped, 5 * each[1] // len(KINDS)),
         "rivals": (rivals, each[1] // len(KINDS)),
         "bounds": (bounds, each[2] // len(KINDS)),
         "jerk": (partial(alone, jerk=True), each[2] // len(KINDS)),

@@ -6,7 +6,7 @@ import pytest
 import trajopt
 from trajopt import InvalidInput, Limits
 from trajopt.benchmark.suites.chunks import KINDS, targets
-from trajopt.chunks import DilatedSpline, answers, from_samples
+from trajopt.chunks import DilatedSpline, answers, from_samples, take_over
 
 V, A = 2.0, 10.0
 ONE = Limits(velocity=[V], acceleration=[A])
@@ -119,3 +119,31 @@ def test_the_spline_answers_where_the_planner_does_not():
 def test_the_spline_is_a_planner():
     chunk = small("smooth")
     assert DilatedSpline(tuple(chunk.times)).solve(chunk.problem).trajectory is not None
+
+
+def test_new_targets_take_over_from_a_motion_that_runs():
+    chunk = small("noisy")
+    running = chunk.fastest().motion
+    at = 0.4 * running.duration
+    ahead = chunk.problem.waypoints[np.searchsorted(running.waypoint_times, at) + 1 :] + 0.01
+    answer = take_over(running, at, ahead, THREE, rate=30)
+    for order in (0, 1):
+        assert answer.motion(0.0, order) == pytest.approx(running(at, order), abs=1e-7)
+    assert answer.motion(answer.motion.duration) == pytest.approx(ahead[-1], abs=1e-9)
+
+
+def test_after_its_end_a_motion_that_runs_is_at_rest():
+    chunk = small("smooth")
+    running = chunk.fastest().motion
+    rows = chunk.problem.waypoints[::-1]
+    answer = take_over(running, 99.0, rows[1:], THREE, rate=30)
+    assert "start_velocity" not in answer.chunk.problem.demands
+    assert answer.duration == pytest.approx(running.duration, rel=2e-2)  # the way back
+
+
+def test_a_bound_is_below_the_answer_and_near_it():
+    # one joint there and back: two trapezoids, of which the turning point is a target
+    way = np.append(np.linspace(0, 1, 8), np.linspace(1, 0, 8)[1:])[:, None]
+    answer = from_samples(way, ONE, rate=30).fastest()
+    bound = answer.bound(seconds=5)
+    assert bound <= answer.duration <= bound * (1 + 0.01)

@@ -53,11 +53,13 @@ TOLERANCE = 0.005
 """By default targets are passed within this distance, rad (or m)."""
 
 _PLANNER, _JERK_PLANNER = "exact:within=1e-4", "exact-jerk"
+_BOUNDED_PLANNER = "exact:within=1e-3,starts=3"
 _SPLINE = "spline"
 # Dilations of a spline that begins or ends in motion: the largest tried, and the factor of two
 # between which the least one lies is halved so often.
 _MAX_DILATION = 64.0
 _HALVINGS = 12
+_STILL_RTOL = 1e-9  # of a limit: what is smaller is rest
 _LOOKED_AT = 200  # times between two targets at which a motion may pass others
 _SAME_RTOL = 1e-9  # durations that differ by less, relative, are one
 
@@ -293,8 +295,55 @@ def _times(times: ArrayLike | None, rate: float | None, count: int) -> Array:
     return stamps
 
 
+def take_over(
+    running: Trajectory,
+    at: float,
+    targets: ArrayLike,
+    limits: Limits,
+    *,
+    mode: Mode = "fastest",
+    **keywords: Any,
+) -> ChunkAnswer:
+    """Return the motion through new targets that takes over from one that runs, in bounded time.
+
+    A few initial guesses are tried, then the spline, and nothing slow: what there is not, the
+    answer has not. The running motion then goes on; it ends at rest, as every answer does that is
+    not asked to end in motion.
+
+    Args:
+        running: the motion that runs.
+        at: when it is left, s; after its end it is at rest.
+        targets: those that are still ahead then, rad, `(targets, joints)`.
+        limits: of the arm.
+        mode: "fastest" or "at-given-times".
+        keywords: as `from_samples` has them, but for the state at the start.
+
+    Raises:
+        InvalidInput: As `from_samples` does.
+    """
+    when = min(max(at, 0.0), running.duration)
+    place, velocity, acceleration = (running(when, order) for order in range(3))
+    jerky = limits.jerk_limited
+    fastest, steepest = (np.abs(own).min(axis=1) for own in (limits.velocity, limits.acceleration))
+    states = {
+        # the rounding of a motion at rest is no velocity
+        "start_velocity": np.where(np.abs(velocity) > _STILL_RTOL * fastest, velocity, 0.0),
+        "start_acceleration": np.where(
+            jerky & (np.abs(acceleration) > _STILL_RTOL * steepest), acceleration, 0.0
+        ),
+    }
+    moving: dict[str, Any] = {key: own for key, own in states.items() if own.any()}
+    chunk = from_samples(targets, limits, start=place, **moving, **keywords)
+    planner = _JERK_PLANNER if jerky.any() else _BOUNDED_PLANNER
+    return answers([chunk], mode, planner, patient=False)[0]
+
+
 def answers(
-    chunks: Sequence[Chunk], mode: Mode = "fastest", planner: object = None
+    chunks: Sequence[Chunk],
+    mode: Mode = "fastest",
+    planner: object = None,
+    *,
+    patient: bool = True,
 ) -> list[ChunkAnswer]:
     """Return the answers to several chunks; those of one shape are planned together.
 
@@ -302,6 +351,7 @@ def answers(
         chunks: of any size, of any robots.
         mode: "fastest" or "at-given-times".
         planner: a planner, or a registered one by its name; by default the best for the limits.
+        patient: whether slower planners are asked where this one and the spline have no answer.
 
     Raises:
         UnknownName: There is no planner of this name.
@@ -318,7 +368,7 @@ def answers(
         for i, trial in zip(own, _planned(name, [problems[i] for i in own]), strict=True):
             found[i] = trial
     return [
-        _better(chunk, mode, problem, trial)
+        _better(chunk, mode, problem, trial, patient=patient)
         for chunk, problem, trial in zip(chunks, problems, found, strict=True)
         if trial is not None
     ]
@@ -402,7 +452,9 @@ def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:
     ]
 
 
-def _better(chunk: Chunk, mode: Mode, problem: Problem, trial: Trial) -> ChunkAnswer:
+def _better(
+    chunk: Chunk, mode: Mode, problem: Problem, trial: Trial, *, patient: bool
+) -> ChunkAnswer:
     """Return the planner's answer, or the spline's where that is no slower."""
     planned = trial.certified_duration
     motion = chunk.spline.motion(problem, planned)
@@ -411,7 +463,7 @@ def _better(chunk: Chunk, mode: Mode, problem: Problem, trial: Trial) -> ChunkAn
         solution = Solution(Status.SOLVED, motion, trial.message if planned is None else "")
         found = Answers([solution], Relation.RESTRICTION, wall_time=trial.solve_time)
         trial = judged(own.entrant, problem, [0], found, trial.started)[0]
-    elif planned is None and trial.status is not Status.INFEASIBLE:
+    elif planned is None and trial.status is not Status.INFEASIBLE and patient:
         trial = best(problem, 0).trial
     return ChunkAnswer(chunk, mode, trial)
 

@@ -87,7 +87,8 @@ class Exact(SeveralStarts):
     `within`, for problems with tolerances: an answer about this far above a local optimum,
     relative, is near enough. The first initial guess that leads to one ends the search, and
     `solve_many` advances problems of one shape together. By default the search goes on to the last
-    digit, from every side of the tolerances: some 60 times the time where boxes overlap.
+    digit, from every side of the tolerances: some 60 times the time where boxes overlap. With fewer
+    than five `starts` it fails after so many guesses: its time is then bounded.
     """
 
     within: float = 0.0
@@ -114,8 +115,13 @@ class Exact(SeveralStarts):
         self.announce("exact", problem)
         if self.solver == "ipopt":  # an independent check: no other method steps in
             return self._planned(problem)
-        (near,) = self._near([problem]) if self._stops_near(problem) else (None,)
-        return near or gate.certified(problem, self._planned, self.solve)
+        if self._stops_near(problem):
+            (near,) = self._near([problem])
+            if near is None and self.starts < len(_NEAR_GUESSES):
+                return Solution(Status.FAILED, message=f"none of {self.starts} guesses leads there")
+            if near is not None:
+                return near
+        return gate.certified(problem, self._planned, self.solve)
 
     def _stops_near(self, problem: Problem) -> bool:
         """Return whether an answer near an optimum is enough."""
@@ -142,9 +148,9 @@ class Exact(SeveralStarts):
         every = [_not_at_once(problem) for problem in problems]
         answers: list[Solution | None] = [None] * len(every)
         left = list(range(len(every)))
-        for number in _NEAR_GUESSES:
+        for number in _NEAR_GUESSES[: self.starts]:
             some = [every[i] for i in left]
-            starts = [next(islice(_guesses(own, self.starts), number, None)) for own in some]
+            starts = [next(islice(_guesses(own, number + 1), number, None)) for own in some]
             with np.errstate(all="ignore"):
                 found = _near_optima(some, starts, self.within)
             for i, own, optimum in zip(left, some, found, strict=True):
