@@ -2,7 +2,9 @@
 
 The first knots are even in the path's parameter, the second ones in time. Then intervals are cut in
 three where time is lost: where the tightest row leaves room, or the motion exceeds a row between
-its points. That ends when neither the excess nor the change of the time matters (`_SETTLED`).
+its points. That ends when neither the excess nor the change of the time matters (`_SETTLED`), or at
+once where excess and lost time are next to nothing (`_PLAIN`): a path of thousands of pieces, such
+as a log's, needs one program.
 
 Between knots `s(t)` is the quintic with the program's speed and acceleration at both ends. The
 motion `q(s(t))` is composed exactly, so it never leaves the path; what the quintic misses is an
@@ -27,8 +29,12 @@ from trajopt.core.trajectory import Trajectory
 # Intervals of the first knots.
 _INTERVALS = 50
 _MAX_GRIDS = 9
+# Knots that there must be of a path whose pieces are short beside what its timing does.
+_MANY = 500
 # The share of the accuracy asked for below which excess and change of the time no longer matter.
 _SETTLED = 0.35
+# The share of it below which excess and lost time together end it on any knots.
+_PLAIN = 0.1
 # Where the motion is looked at between two knots, as shares of time.
 _LOOKS = np.linspace(0.0, 1.0, 17)
 # The method starts at this share of the uniform speed,
@@ -206,7 +212,8 @@ def timed(
         excess_time = float(over @ motion.lengths)
         settled = excess_time < _SETTLED * accuracy * motion.duration
         settled &= abs(motion.duration / last - 1) < _SETTLED * accuracy
-        if count == _MAX_GRIDS or (count > 2 and settled):
+        plain = excess_time + lost.sum() < _PLAIN * accuracy * motion.duration
+        if count == _MAX_GRIDS or plain or (count > 2 and settled):
             break
         last = motion.duration
         before = grid, x
@@ -331,10 +338,11 @@ def _must(path: Path) -> Array:
 def _spread(must: Array, sigma: Array, share: Array) -> Array:
     """Return knots that are even in a quantity that is `share` of its whole at some `sigma`.
 
-    Between two that must be knots there are at least two intervals.
+    Between two that must be knots there are at least two intervals; one where these are `_MANY`.
     """
     at = np.interp(must, sigma, share)
-    counts = np.maximum(2, np.rint(_INTERVALS * np.diff(at))).astype(int)
+    least = 2 if len(must) <= _MANY else 1
+    counts = np.maximum(least, np.rint(_INTERVALS * np.diff(at))).astype(int)
     knots = [
         np.interp(np.linspace(a, b, count + 1), share, sigma)[1:-1]
         for a, b, count in zip(at[:-1], at[1:], counts, strict=True)
