@@ -33,7 +33,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
 from trajopt.planners.planner import Planner
-from trajopt.planners.reductions import SIMPLEST, reduced
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_UNCOUPLED, reduced
 
 # First number of intervals per segment, without and with jerk limits.
 _START_INTERVALS = 6
@@ -91,7 +91,7 @@ class CollocationRefined(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return unsupported(problem)
 
-    @reduced(SIMPLEST)
+    @reduced(EQUAL_WAYPOINTS, RESTING_UNCOUPLED)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the best of several local optima, refined.
 

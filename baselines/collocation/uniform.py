@@ -36,7 +36,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend
-from trajopt.planners.reductions import SIMPLEST, reduced
+from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_UNCOUPLED, reduced
 
 # Every kind of limit that has rows, and every demand but waits: at these the route is split first.
 KNOWN = ("rows", "segment", *(key for key, demand in DEMANDS.items() if not demand.splits))
@@ -97,7 +97,7 @@ class Collocation(Planner):
     def unsupported(self, problem: Problem) -> str | None:
         return unsupported(problem)
 
-    @reduced(SIMPLEST)
+    @reduced(EQUAL_WAYPOINTS, RESTING_UNCOUPLED)
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return a local optimum from a straight-line start that stops at every waypoint.
 

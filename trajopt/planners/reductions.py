@@ -92,6 +92,16 @@ class RestingJoints(Reduction):
         return replace(motion, coefficients=motion.coefficients[..., problem.moving])
 
 
+class RestingUncoupled(RestingJoints):
+    """Leave out joints that never move, unless a limit of several joints may depend on them.
+
+    Such a joint may help others by moving: an arm is faster with a bent elbow.
+    """
+
+    def accepts(self, problem: Problem) -> bool:
+        return super().accepts(problem) and not problem.limits.coupled
+
+
 class OwnUnits(Reduction):
     """Scale lengths and times to about 1, for solvers with absolute tolerances.
 
@@ -151,6 +161,7 @@ class OneByOne(Reduction):
 
 EQUAL_WAYPOINTS = EqualWaypoints()
 RESTING_JOINTS = RestingJoints()
+RESTING_UNCOUPLED = RestingUncoupled()
 OWN_UNITS = OwnUnits()
 SIMPLEST = OneByOne((EQUAL_WAYPOINTS, RESTING_JOINTS))
 """Consecutive waypoints differ, and every joint moves: what most planners and the bound solve."""

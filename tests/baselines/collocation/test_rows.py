@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from baselines.collocation.refined import CollocationRefined
 from baselines.collocation.symbols import NotPolynomialError, Polynomial, Symbol
 from baselines.collocation.uniform import Collocation
+from experiments.torque import CopsArm, cops
 from tests.test_new_limit import SpeedSum
 from trajopt import Limits, Problem, Status, Trajectory, verify
 from trajopt.core.limits import KINDS
@@ -118,8 +119,8 @@ def test_the_speed_of_a_tool_is_planned():
 
 
 @pytest.mark.usefixtures("strangers")
-def test_a_joint_that_rests_stays_in_the_limits_of_the_others():
-    """A third link that rests at an angle makes the second one longer, and turns it."""
+def test_a_joint_with_one_place_may_help_the_others():
+    """A third link whose waypoints are all at one angle: it may rest there, or move."""
     angle = 0.3
     three = arm(np.column_stack([ROUTE, np.full(len(ROUTE), angle)]), LINKS)
     tool = LINKS[1] + LINKS[2] * np.exp(1j * angle)
@@ -133,12 +134,12 @@ def test_a_joint_that_rests_stays_in_the_limits_of_the_others():
         verify(problem, own.trajectory).certified_duration
         for problem, own in zip((three, two), found, strict=True)
     ]
-    assert durations[0] == pytest.approx(durations[1], rel=1e-6)
+    assert durations[1] * 0.99 < durations[0] < durations[1]
 
 
 @pytest.mark.usefixtures("strangers")
-def test_rows_of_joints_that_rest_are_left_out():
-    """The other pendulum rests at an angle that its torque holds."""
+def test_a_joint_that_cannot_help_takes_no_time():
+    """The other pendulum has one angle, which its torque holds."""
     own = {"gravity": [5.0, 5.0], "torque": [8.0, 8.0]}
     both = Problem([[0.0, 1.0], [1.0, 1.0]], Limits([5] * 2, [50] * 2, pendulum_torque=own))
     single = {"gravity": [5.0], "torque": [8.0]}
@@ -149,6 +150,14 @@ def test_rows_of_joints_that_rest_are_left_out():
         assert certificate.feasible
         durations.append(certificate.certified_duration)
     assert durations[0] == pytest.approx(durations[1], rel=1e-7)
+
+
+@pytest.mark.long
+def test_the_robot_arm_of_cops_takes_its_published_time(monkeypatch):
+    """A rod that turns is pulled in meanwhile, and tilted: 9.1414 s (Dolan and Moré, COPS)."""
+    monkeypatch.setitem(KINDS, CopsArm.key, CopsArm)
+    found = CollocationRefined().solve(cops())
+    assert verify(cops(), found.trajectory).certified_duration == pytest.approx(9.1414, rel=1e-4)
 
 
 @pytest.mark.usefixtures("strangers")

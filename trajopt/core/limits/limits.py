@@ -171,6 +171,12 @@ class Limits:
         """Return which joints have a jerk limit, on at least one side, `(joints,)`."""
         return self._held["jerk"].bounds
 
+    @property
+    def coupled(self) -> bool:
+        """Return whether a limit depends on several joints together."""
+        alone = self.only([0])._held
+        return self.joints > 1 and any(key not in alone for key in self.kinds)
+
     def without(self, *keys: str) -> Limits:
         """Return these limits without the named ones: any but velocity and acceleration."""
         return Limits(**{key: own for key, own in self._held.items() if key not in keys})

@@ -1,0 +1,257 @@
+"""What does a limit of the torques cost, and how near do planners come to what is possible?
+
+    python -m experiments.torque            # fifteen problems, a quarter of an hour
+    python -m experiments.torque --quick    # two links alone, half a minute
+    python -m experiments.torque --cops-arm # the robot arm of COPS, half a minute
+    python -m experiments.torque --figure   # the figure of the page on it, from the table
+
+Each problem is that of an arm through four poses that are a hand's way apart, with the torques that
+its maker states or a share of them, and with a payload. `a` is the limit of acceleration: the
+maker's, or 40 rad/s², with which torques alone decide. The bound is proved without the torques, so
+it says how much they cost at most. Planners: `collocation-refined`, which chooses the path;
+`along`, the fastest timing of a spline; `exact` without the limit, slowed down into it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cyclopts
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from experiments.common.output import progress, save_table
+from experiments.tool_speed import certified, near_poses
+from trajopt import Limits, Problem
+from trajopt.benchmark.suites import robots
+from trajopt.core.bodies import Masses, body
+from trajopt.core.chain import LinkChain
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import KINDS, Acceleration, JointState, Quantity, Row, RowLimit
+from trajopt.planners.registry import load
+from trajopt.views.figures import plots
+from trajopt.views.figures.style import BLACK, BLUE, VERMILION
+
+PLANNED = "collocation-refined:starts=1,refinements=1"
+PROVED = "prove:time_limit=20"
+SHARES = (0.4, 0.45, 0.5, 0.6, 0.75, 1.0, 1.5, 2.0)
+FAST = 40.0  # rad/s²
+_PANDA = [
+    [0, -0.5, 0, -2.0, 0, 1.6, 0.8],
+    [0.5, -0.2, 0.1, -1.7, 0.1, 1.5, 0.5],
+    [0.9, -0.6, 0, -2.2, 0, 1.7, 0.2],
+    [1.3, -0.1, 0.2, -1.6, 0.1, 1.4, 0.6],
+]
+_GEN3 = [
+    [0, 0.3, 0, 1.8, 0, 1.0, 0],
+    [0.5, 0.6, 0.1, 1.5, 0.1, 0.9, 0.3],
+    [0.9, 0.2, 0, 2.0, 0, 1.1, 0.6],
+    [1.3, 0.7, 0.2, 1.4, 0.1, 0.8, 0.2],
+]
+
+
+def near(name: str) -> Problem:
+    """Return four poses of an arm that are a hand's way apart."""
+    if name == "ur5e":
+        return near_poses()
+    arm = robots.arm(name)
+    rows = {"franka-panda": _PANDA, "kinova-gen3": _GEN3}[name]
+    limits = arm.limits.without("jerk")
+    return Problem(rows, limits, f"{name}-near", joint_names=arm.joint_names, chain=arm.chain)
+
+
+def two_links() -> Problem:
+    """Return two links of 0.5 m and 0.4 m that swing up."""
+    origins = np.tile(np.eye(4), (2, 1, 1))
+    origins[1, 0, 3] = 0.5
+    tool = np.eye(4)
+    tool[0, 3] = 0.4
+    bodies = [
+        body(2.0, [0.25, 0, 0], [0, 0, 0, 0.04, 0, 0.04]),
+        body(1.2, [0.2, 0, 0], [0, 0, 0, 0.016, 0, 0.016]),
+    ]
+    rubbing = np.full(2, 0.1)
+    masses = Masses(np.array(bodies), rubbing, rubbing, np.array([40.0, 9.0]), payload=1.0)
+    axes = np.tile([0.0, -1.0, 0.0], (2, 1))
+    chain = LinkChain(origins, axes, np.zeros(2, dtype=bool), tool, masses)
+    waypoints = np.radians([[-90, 0], [0, 40], [60, -30], [90, 20]])
+    return Problem(waypoints, Limits([6.0, 6.0], [FAST, FAST]), "two links", chain=chain)
+
+
+@dataclass(frozen=True)
+class Case:
+    """An arm, its limit of acceleration (None: the maker's), share of torque, and payload, kg."""
+
+    arm: str
+    acceleration: float | None
+    share: float
+    payload: float
+
+    def problems(self) -> tuple[Problem, Problem]:
+        """Return the problem without the torques, and with them."""
+        free = two_links() if self.arm == "two links" else near(self.arm)
+        if self.acceleration is not None:
+            fast = Acceleration.read([self.acceleration] * free.joints, free.joints)
+            free = replace(free, limits=free.limits.with_limit(fast))
+        assert free.chain is not None
+        chain = free.chain.carrying({"mass": self.payload}) if self.payload else free.chain
+        limits = Limits(**free.limits.kinds, torque=f"{100 * self.share:g} %")
+        return free, replace(free, limits=limits, chain=chain)
+
+
+CASES = (
+    Case("two links", None, 1.0, 0),
+    Case("two links", None, 0.6, 0),
+    Case("two links", None, 1.0, 1.0),
+    Case("ur5e", None, 1.0, 0),
+    Case("ur5e", None, 0.6, 0),
+    Case("ur5e", None, 1.0, 5),
+    Case("ur5e", FAST, 1.0, 0),
+    Case("ur5e", FAST, 0.6, 0),
+    Case("ur5e", FAST, 1.0, 5),
+    Case("franka-panda", None, 1.0, 0),
+    Case("franka-panda", None, 0.6, 0),
+    Case("franka-panda", None, 1.0, 3),
+    Case("kinova-gen3", FAST, 1.0, 0),
+    Case("kinova-gen3", FAST, 0.6, 0),
+    Case("kinova-gen3", FAST, 1.0, 2),
+)
+
+
+def row(case: Case, planner: str) -> dict[str, object]:
+    """Return the row of one case."""
+    free, problem = case.problems()
+    planned, seconds, judging = certified(problem, problem, planner)
+    path, _, _ = certified(problem, problem, "along")
+    slowed, _, _ = certified(problem, free, "exact")
+    bound = load(PROVED).solve(problem).lower_bound or np.nan
+    best = min(planned, path)
+    return {
+        "problem": case.arm if case.arm == "two links" else f"{case.arm}-near",
+        "a, rad/s²": "own" if case.acceleration is None else f"{case.acceleration:g}",
+        "torque, %": 100 * case.share,
+        "payload, kg": case.payload,
+        "without it, s": certified(free, free, "exact")[0],
+        "proved bound, s": bound,
+        "best, s": best,
+        "above the bound, %": 100 * (best / bound - 1),
+        "along a spline, s": path,
+        "exact, slowed down, s": slowed,
+        "CPU to plan, s": seconds,
+        "CPU to judge, s": judging,
+    }
+
+
+def curve(case: Case) -> list[float]:
+    """Return durations along a spline, s, by share of the torque; NaN where an arm cannot rest."""
+    found = []
+    for share in SHARES:
+        try:
+            _, problem = replace(case, share=share).problems()
+        except InvalidInput:
+            found.append(np.nan)
+            continue
+        found.append(certified(problem, problem, "along")[0])
+    return found
+
+
+@plots.styled
+def drawn(table: pd.DataFrame) -> Figure:
+    """Draw durations against the torques: along a spline, the best of the table, and the bound."""
+    figure = Figure(figsize=(5.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    drawn = {
+        "ur5e-near": (Case("ur5e", FAST, 1.0, 0), BLUE),
+        "ur5e-near, 5 kg": (Case("ur5e", FAST, 1.0, 5), VERMILION),
+    }
+    percent = 100 * np.array(SHARES)
+    for name, (case, colour) in drawn.items():
+        axes.plot(percent, curve(case), color=colour, lw=0.8, ls="--", label=f"{name}: along")
+        own = table[
+            (table["problem"] == "ur5e-near")
+            & (table["a, rad/s²"].astype(str) == f"{FAST:g}")
+            & (table["payload, kg"] == case.payload)
+        ]
+        axes.plot(own["torque, %"], own["best, s"], color=colour, marker="o", ls="", label="best")
+    axes.axhline(own["proved bound, s"].min(), color=BLACK, lw=0.8, label="bound without torques")
+    axes.set_xlabel("torques, % of the maker's")
+    axes.set_ylabel("duration, s")
+    axes.set_ylim(bottom=0)
+    axes.legend()
+    return figure
+
+
+class CopsArm(RowLimit):
+    """Forces that slide, turn and tilt the rod of the robot arm of COPS (Dolan and Moré 2000)."""
+
+    key = "cops_arm"
+    degree = 2
+    fields = (Quantity("length", metres=1, common=True), Quantity("force", widens=1))
+
+    def rows(self, at: JointState) -> Iterator[Row]:
+        """Yield each force over its limit."""
+        length = float(self.column("length")[0])
+        rho, _, phi = at.q
+        inertia = ((length - rho) ** 3 + rho**3) / 3
+        for joint, size in enumerate((length, inertia * np.sin(phi) ** 2, inertia)):
+            yield Row(size * at.a[joint] / self.column("force")[joint], -1.0, 1.0, joint=joint)
+
+
+del KINDS[CopsArm.key]  # known where it is asked for
+
+
+def cops() -> Problem:
+    """Return the robot arm of COPS; published: 9.1414 s on a fine grid."""
+    KINDS[CopsArm.key] = CopsArm
+    ends = [[4.5, 0, np.pi / 4], [4.5, 2 * np.pi / 3, np.pi / 4]]
+    limits = Limits(
+        [9.0] * 3,
+        [1.0] * 3,
+        position=[[0, 5], [-np.pi, np.pi], [0, np.pi]],
+        cops_arm={"length": 5.0, "force": [1.0] * 3},
+    )
+    return Problem(ends, limits, "COPS robot arm", joint_units=["m", "rad", "rad"])
+
+
+def main(
+    output: Path = Path("results/torque"),
+    *,
+    quick: bool = False,
+    arm: list[str] | None = None,
+    cops_arm: bool = False,
+    figure: bool = False,
+    planner: str = PLANNED,
+) -> None:
+    """Plan every problem in each way, or the first if `quick`; print the table.
+
+    Args:
+        output: Folder of the table.
+        quick: Two links alone.
+        arm: These arms alone.
+        cops_arm: The robot arm of COPS alone.
+        figure: Draw the figure from the table that is in the folder.
+        planner: What plans under the limit.
+    """
+    if figure:
+        plots.save(drawn(pd.read_csv(output / "torque.csv")), output / "torque")
+        return
+    if cops_arm:
+        problem = cops()
+        seconds, cpu, _ = certified(problem, problem, "collocation-refined")
+        print(f"{problem.name}: {seconds:.5f} s certified, {cpu:.0f} CPU s; published 9.1414 s")
+        return
+    rows = []
+    cases = CASES[:1] if quick else [case for case in CASES if not arm or case.arm in arm]
+    with progress(len(cases), "problems") as advance:
+        for case in cases:
+            rows.append(row(case, planner))
+            save_table(pd.DataFrame(rows), output / "torque")
+            advance(1)
+    print(pd.DataFrame(rows).to_string(index=False))
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
