@@ -2,6 +2,7 @@
 
     python -m experiments.chunks            # 1,000 chunks, 40 beside rivals, bounds of 16: an hour
     python -m experiments.chunks --quick    # a few of each
+    python -m experiments.chunks --draw chunks.png   # the figure of the page
 
 50 targets of 7 joints at 30 Hz, 2 rad/s and 10 rad/s², within 5 mrad, of four kinds
 (`trajopt.benchmark.suites.chunks`).
@@ -50,6 +51,7 @@ FILTER = 0.5  # share of the way to the target that the filter takes in a step
 MOST_STEPS = 2000
 PROOF_S = 40.0
 KEY = ["question", "kind", "number"]
+DRAWN, DRAWN_JOINT = 0, 5  # number of the noisy chunk in the figure, and its joint from 0
 
 
 def chunk(kind: str, number: int, *, jerk: bool = False) -> Chunk:
@@ -121,7 +123,9 @@ def rivals(kind: str, number: int) -> Iterator[dict[str, Any]]:
     yield measured("this toolkit, fastest", asked, answer.motion, answer.motion.waypoint_times)
     timed = asked.at_given_times()
     if timed.motion is not None:
-        yield measured("this toolkit, given times", asked, timed.motion, asked.times)
+        yield measured(
+            "this toolkit, given times", asked, timed.motion, timed.motion.waypoint_times
+        )
     simple = asked.spline.motion(asked.problem)
     if simple is not None:
         yield measured("spline, dilated", asked, simple, simple.waypoint_times)
@@ -213,6 +217,64 @@ def tracked(method: str, asked: Chunk, step: float) -> dict[str, Any]:
     return found | {"velocity": min(found["velocity"], 1.0), "acceleration": 1.0}
 
 
+def figure(path: Path) -> None:
+    """Draw one joint of a noisy chunk: its targets, what a clamp sends, what is possible."""
+    import matplotlib.pyplot as plt
+
+    from trajopt.views.figures.style import BLACK, BLUE, GREY, STYLE_SHEET, VERMILION
+
+    asked = chunk("noisy", DRAWN)
+    motion = asked.fastest().motion
+    assert motion is not None
+    places = asked.problem.waypoints[:, DRAWN_JOINT]
+    step = motion.duration / (len(places) - 1)
+    sent_too = followed(asked.problem.waypoints, step, 1.0)[:, DRAWN_JOINT]
+    times = np.linspace(0, motion.duration, 2000)
+    with plt.rc_context(STYLE_SHEET):
+        drawn, (above, below) = plt.subplots(
+            2, 1, figsize=(7.0, 5.2), sharex=True, layout="constrained"
+        )
+        above.plot(
+            asked.times, places, ".", color=GREY, label="targets, as the policy asks for them"
+        )
+        above.plot(
+            step * np.arange(len(sent_too)), sent_too, color=VERMILION, drawstyle="steps-post"
+        )
+        above.plot(times, motion(times)[:, DRAWN_JOINT], color=BLUE)
+        above.errorbar(
+            motion.waypoint_times,
+            places,
+            yerr=TOLERANCE,
+            fmt="none",
+            ecolor=BLACK,
+            elinewidth=0.8,
+            label="targets ± 5 mrad, when the fastest motion passes them",
+        )
+        above.set_ylabel("joint position [rad]")
+        above.legend(loc="lower right")
+        differences = np.diff(np.pad(sent_too, 2, mode="edge"), 2) / step**2
+        below.step(
+            step * (np.arange(len(differences)) - 1),
+            differences,
+            color=VERMILION,
+            where="mid",
+            label="clamp: at least this, between two steps",
+        )
+        below.plot(
+            times,
+            motion(times, 2)[:, DRAWN_JOINT],
+            color=BLUE,
+            label="fastest motion within 5 mrad",
+        )
+        for side in (-1, 1):
+            below.axhline(side * ACCELERATION, color=BLACK, linestyle="--", linewidth=0.8)
+        below.set_ylabel("acceleration [rad/s²]")
+        below.set_xlabel("time [s]")
+        below.legend(loc="upper right")
+        drawn.savefig(path, dpi=150)
+        plt.close(drawn)
+
+
 def jerk_integral(positions: Array, step: float) -> float:
     """Return ∫ jerk² of third differences, summed over joints, rad² s⁻⁵."""
     jerk = np.diff(positions, 3, axis=0) / step**3
@@ -225,12 +287,17 @@ def main(
     proved: int = 16,
     output: Path = Path("results/chunks"),
     quick: bool = False,
+    draw: Path | None = None,
     only: Literal["all", "answers", "single", "steps", "bounds", "jerk", "rivals"] = "all",
 ) -> None:
     """Measure what is missing, and print medians.
 
-    `count`: chunks that are answered; `compared`: beside rivals; `proved`: with a bound.
+    `count`: chunks that are answered; `compared`: beside rivals; `proved`: with a bound; `draw`:
+    write the figure of the page into this file, and measure nothing.
     """
+    if draw is not None:
+        figure(draw)
+        return
     each = 4 * BATCH if quick else count, 4 if quick else compared, 4 if quick else proved
     sizes = {
         "answers": (answered, each[0] // (len(KINDS) * BATCH)),
