@@ -49,7 +49,7 @@ VELOCITY, ACCELERATION, JERK = 2.0, 10.0, 200.0
 BATCH = 25
 FILTER = 0.5  # share of the way to the target that the filter takes in a step
 MOST_STEPS = 2000
-PROOF_S = 40.0
+PROOF_S = 30.0
 KEY = ["question", "kind", "number"]
 DRAWN, DRAWN_JOINT = 0, 5  # number of the noisy chunk in the figure, and its joint from 0
 
@@ -234,9 +234,7 @@ def figure(path: Path) -> None:
         drawn, (above, below) = plt.subplots(
             2, 1, figsize=(7.0, 5.2), sharex=True, layout="constrained"
         )
-        above.plot(
-            asked.times, places, ".", color=GREY, label="targets, as the policy asks for them"
-        )
+        above.plot(asked.times, places, ".", color=GREY, label="targets, as the policy sends them")
         above.plot(
             step * np.arange(len(sent_too)), sent_too, color=VERMILION, drawstyle="steps-post"
         )
@@ -251,7 +249,7 @@ def figure(path: Path) -> None:
             label="targets ± 5 mrad, when the fastest motion passes them",
         )
         above.set_ylabel("joint position [rad]")
-        above.legend(loc="lower right")
+        above.legend(loc="upper right")
         differences = np.diff(np.pad(sent_too, 2, mode="edge"), 2) / step**2
         below.step(
             step * (np.arange(len(differences)) - 1),
