@@ -108,3 +108,25 @@ def test_verify_shows_a_line_for_each_episode(run, tmp_path):
     code, out, err = run("verify episode_0.hdf5 --robot aloha --rate 50")
     assert "broken" in out
     assert code == 1
+
+
+def test_a_file_for_a_controller_passes_the_targets_within_the_tolerance(run):
+    """Sixteen targets within 5 mrad, points at whole cycles: read again it passes all of them."""
+    from trajopt import verify
+    from trajopt.chunks import from_samples
+    from trajopt.core.limits import Limits
+    from trajopt.formats.motion import motion
+    from trajopt.judgement import passing
+
+    rows = targets("noisy", 0, 16, 2)
+    text = HEADER + table(rows)
+    code, out, err = run(
+        "chunk c.csv --limits l.yaml --out m.csv --json", c__csv=text, l__yaml=LIMITS
+    )
+    assert code == 0, err
+    (told,) = json.loads(out)["chunks"]
+    assert told["out"]["duration"] <= told["certified_duration"] * 1.02
+    limits = Limits(velocity=[2.0] * 2, acceleration=[10.0] * 2)
+    problem = from_samples(np.round(rows, 6), limits, rate=30).problem
+    executed = passing(problem, motion("m.csv").trajectory)
+    assert verify(problem, executed).feasible

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -131,8 +131,11 @@ def chunk(
             check_target(target, force=force)
     asked.note_factors(own, robot)
     chunks = [_chunk(part, own, robot, tolerance, parts, states) for part in parts]
+    sampled = out is not None and Target(out, cycle, points).executed
     with console.waiting(f"planning {len(parts)} chunks" if len(parts) > 1 else "planning"):
-        found = iter(answers([own for own in chunks if isinstance(own, Chunk)], mode))
+        asked_for = [own for own in chunks if isinstance(own, Chunk)]
+        planned = [_for_cycles(own, cycle) for own in asked_for] if sampled else asked_for
+        found = iter(answers(planned, mode))
     told: list[dict[str, Any]] = []
     table = console.table("chunk", "verdict", numbers=_NUMBERS)
     codes = []
@@ -143,13 +146,14 @@ def chunk(
             told.append({"chunk": part.name, "error": words})
             codes.append(2)
             continue
-        answer = next(found)
+        answer = replace(next(found), chunk=made)
         told.append(answer.as_dict())
         table.row(part.name, _verdict(answer), *_numbers(answer))
         codes.append(1 if answer.motion is None else 0)
         if target is not None and answer.motion is not None:
             try:
-                written = motion_file.write(Target(target, cycle, points), answer.trial)
+                trial = replace(answer.trial, problem=made.asked(mode))
+                written = motion_file.write(Target(target, cycle, points), trial)
             except InvalidInput as error:
                 console.note(f"{target} is not written: {error}; .json has the exact motion")
                 codes.append(1)
@@ -191,6 +195,21 @@ def _chunk(
         )
     except TrajoptError as error:
         return error
+
+
+def _for_cycles(chunk: Chunk, cycle: float) -> Chunk:
+    """Return the chunk within a tolerance that leaves half a cycle for each target.
+
+    Samples for a controller are on whole cycles: there the motion has to be within the tolerance.
+    """
+    problem = chunk.problem
+    fastest = np.abs(problem.limits.in_all_segments(tightest=False).velocity).max(axis=1)
+    left = problem.route.demand("tolerance") - fastest * cycle / 2
+    if "tolerance" not in problem.demands:
+        return chunk
+    near = np.maximum(left, 0.5 * problem.demands["tolerance"])
+    demands = {**problem.demands, "tolerance": near}
+    return replace(chunk, problem=replace(problem, demands=demands))
 
 
 def _of_robot(samples: Samples, own: RobotLimits) -> tuple[Samples, tuple[str, ...]]:

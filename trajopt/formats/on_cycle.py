@@ -38,6 +38,7 @@ MAX_PIECES = 400  # for a motion whose own pieces have a higher degree
 CONSTANT_RTOL = 1e-4  # relative to a limit; a smaller variation counts as constant
 SAME_PLACE_RTOL = 1e-12  # relative to the largest displacement; nearer waypoints are equal
 TIME_DECIMALS = 9  # a ROS message holds nanoseconds
+_MOST_PER_BREAK = 4  # cycles a break, with fewer of which every cycle is a break
 SAME_CYCLE = 1e-6  # cycles; a time nearer to a cycle is on it
 
 
@@ -99,9 +100,8 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
     Raises:
         InvalidInput: The cycle is too long for the motion.
     """
-    problem = within_tolerance(problem, trajectory)
     if "dwell" in problem.demands:
-        return _with_waits(problem, trajectory, cycle)
+        return _with_waits(within_tolerance(problem, trajectory), trajectory, cycle)
     merged, index = problem.merged()
     _, first = np.unique(index, return_index=True)
     search = _CycleSearch(
@@ -206,6 +206,10 @@ class _CycleSearch:
         times = np.asarray(breaks * self.cycle, dtype=float)
         passing = np.searchsorted(breaks, waypoints)
         course = stretched(times)
+        # within a tolerance, where the motion is at that cycle
+        r = self.problem.route.demand("tolerance")
+        near = np.clip(course[passing], self.problem.waypoints - r, self.problem.waypoints + r)
+        places = np.where(r > 0, near, self.problem.waypoints)
         planned = stretched(times, self.order - 1)
         joints = []
         for joint in range(self.problem.joints):
@@ -213,7 +217,7 @@ class _CycleSearch:
                 times=times,
                 order=self.order,
                 passing=passing,
-                positions=self.problem.waypoints[:, joint],
+                positions=places[:, joint],
                 limits=self.problem.limits.only([joint]),
                 planned=planned[:, joint],
                 ends=self._ends(stretched, joint),
@@ -272,6 +276,8 @@ class _CycleSearch:
             even = np.arange(0, cycles, step)
             wanted = np.append(wanted, even)
         found = np.rint(wanted).astype(int)
+        if self.beside and _MOST_PER_BREAK * len(np.unique(found)) > cycles:
+            return np.arange(cycles + 1)
         if self.beside:
             around = np.concatenate([found - 1, found, found + 1])
             found = around.clip(0, cycles)
