@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from experiments.common.output import progress, save_table
 from trajopt import Limits, Problem, verify
-from trajopt.benchmark.suites import catalogue, robots
+from trajopt.benchmark.suites import arms, catalogue
 from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.registry import load
@@ -50,18 +50,6 @@ def two_links() -> Problem:
     waypoints = np.radians([[0, 20], [40, 60], [90, 30], [120, 80]])
     limits = Limits(np.radians([180, 180]), np.radians([600, 600]))
     return Problem(waypoints, limits, "two links", chain=chain)
-
-
-def near_poses() -> Problem:
-    """Return four poses of a UR5e that are a hand's way apart, as of a pick and a place."""
-    ur5e = robots.arm("ur5e")
-    waypoints = [
-        [0, -1.2, 1.3, -1.6, -1.57, 0],
-        [0.5, -1.0, 1.0, -1.5, -1.4, 0.3],
-        [0.9, -1.3, 1.5, -1.8, -1.6, 0.6],
-        [1.3, -0.9, 1.1, -1.7, -1.5, 0.2],
-    ]
-    return Problem(waypoints, ur5e.limits, NEAR, joint_names=ur5e.joint_names, chain=ur5e.chain)
 
 
 def limited(problem: Problem, speed: float) -> Problem:
@@ -109,7 +97,7 @@ def row(free: Problem, speed: float, planner: str) -> dict[str, object]:
 
 def curves(name: str) -> pd.DataFrame:
     """Return the proved bound and the duration along a spline, s, by tool speed, m/s."""
-    free = near_poses() if name == NEAR else catalogue.load(name)
+    free = arms.near("ur5e") if name == NEAR else catalogue.load(name)
     rows = []
     for speed in CURVE_SPEEDS:
         problem = limited(free, speed)
@@ -146,8 +134,8 @@ def drawn(table: pd.DataFrame) -> Figure:
 
 def cases(names: Sequence[str], speeds: Sequence[float]) -> list[tuple[Problem, float]]:
     """Return the problems with their speeds: of two links, 0.5 m/s alone."""
-    arms = [near_poses() if name == NEAR else catalogue.load(name) for name in names]
-    return [(two_links(), 0.5), *((arm, speed) for arm in arms for speed in speeds)]
+    free = [arms.near("ur5e") if name == NEAR else catalogue.load(name) for name in names]
+    return [(two_links(), 0.5), *((arm, speed) for arm in free for speed in speeds)]
 
 
 def main(

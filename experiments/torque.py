@@ -24,43 +24,20 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from experiments.common.output import progress, save_table
-from experiments.tool_speed import certified, near_poses
+from experiments.tool_speed import certified
 from trajopt import Limits, Problem
-from trajopt.benchmark.suites import robots
+from trajopt.benchmark.suites.arms import FAST, fast, near
 from trajopt.core.bodies import Masses, body
 from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.limits import KINDS, Acceleration, JointState, Quantity, Row, RowLimit
+from trajopt.core.limits import KINDS, JointState, Quantity, Row, RowLimit
 from trajopt.planners.registry import load
 from trajopt.views.figures import plots
-from trajopt.views.figures.style import BLACK, BLUE, VERMILION
+from trajopt.views.figures.style import BLACK, BLUE, GREEN, VERMILION
 
 PLANNED = "collocation-refined:starts=1,refinements=1"
 PROVED = "prove:time_limit=20"
 SHARES = (0.4, 0.45, 0.5, 0.6, 0.75, 1.0, 1.5, 2.0)
-FAST = 40.0  # rad/s²
-_PANDA = [
-    [0, -0.5, 0, -2.0, 0, 1.6, 0.8],
-    [0.5, -0.2, 0.1, -1.7, 0.1, 1.5, 0.5],
-    [0.9, -0.6, 0, -2.2, 0, 1.7, 0.2],
-    [1.3, -0.1, 0.2, -1.6, 0.1, 1.4, 0.6],
-]
-_GEN3 = [
-    [0, 0.3, 0, 1.8, 0, 1.0, 0],
-    [0.5, 0.6, 0.1, 1.5, 0.1, 0.9, 0.3],
-    [0.9, 0.2, 0, 2.0, 0, 1.1, 0.6],
-    [1.3, 0.7, 0.2, 1.4, 0.1, 0.8, 0.2],
-]
-
-
-def near(name: str) -> Problem:
-    """Return four poses of an arm that are a hand's way apart."""
-    if name == "ur5e":
-        return near_poses()
-    arm = robots.arm(name)
-    rows = {"franka-panda": _PANDA, "kinova-gen3": _GEN3}[name]
-    limits = arm.limits.without("jerk")
-    return Problem(rows, limits, f"{name}-near", joint_names=arm.joint_names, chain=arm.chain)
 
 
 def two_links() -> Problem:
@@ -83,19 +60,28 @@ def two_links() -> Problem:
 
 @dataclass(frozen=True)
 class Case:
-    """An arm, its limit of acceleration (None: the maker's), share of torque, and payload, kg."""
+    """An arm, whether its acceleration limits are `FAST`, share of torque, and payload, kg."""
 
     arm: str
-    acceleration: float | None
+    fast: bool
     share: float
     payload: float
+
+    @property
+    def named(self) -> dict[str, str]:
+        """Return the cells that say which case it is."""
+        return {
+            "problem": self.arm if self.arm == "two links" else f"{self.arm}-near",
+            "a, rad/s²": f"{FAST:g}" if self.fast else "own",
+            "torque, %": f"{100 * self.share:g}",
+            "payload, kg": f"{self.payload:g}",
+        }
 
     def problems(self) -> tuple[Problem, Problem]:
         """Return the problem without the torques, and with them."""
         free = two_links() if self.arm == "two links" else near(self.arm)
-        if self.acceleration is not None:
-            fast = Acceleration.read([self.acceleration] * free.joints, free.joints)
-            free = replace(free, limits=free.limits.with_limit(fast))
+        if self.fast:
+            free = fast(free)
         assert free.chain is not None
         chain = free.chain.carrying({"mass": self.payload}) if self.payload else free.chain
         limits = Limits(**free.limits.kinds, torque=f"{100 * self.share:g} %")
@@ -103,21 +89,21 @@ class Case:
 
 
 CASES = (
-    Case("two links", None, 1.0, 0),
-    Case("two links", None, 0.6, 0),
-    Case("two links", None, 1.0, 1.0),
-    Case("ur5e", None, 1.0, 0),
-    Case("ur5e", None, 0.6, 0),
-    Case("ur5e", None, 1.0, 5),
-    Case("ur5e", FAST, 1.0, 0),
-    Case("ur5e", FAST, 0.6, 0),
-    Case("ur5e", FAST, 1.0, 5),
-    Case("franka-panda", None, 1.0, 0),
-    Case("franka-panda", None, 0.6, 0),
-    Case("franka-panda", None, 1.0, 3),
-    Case("kinova-gen3", FAST, 1.0, 0),
-    Case("kinova-gen3", FAST, 0.6, 0),
-    Case("kinova-gen3", FAST, 1.0, 2),
+    Case("two links", False, 1.0, 0),
+    Case("two links", False, 0.6, 0),
+    Case("two links", False, 1.0, 1.0),
+    Case("ur5e", False, 1.0, 0),
+    Case("ur5e", False, 0.6, 0),
+    Case("ur5e", False, 1.0, 5),
+    Case("ur5e", True, 1.0, 0),
+    Case("ur5e", True, 0.6, 0),
+    Case("ur5e", True, 1.0, 5),
+    Case("franka-panda", False, 1.0, 0),
+    Case("franka-panda", False, 0.6, 0),
+    Case("franka-panda", False, 1.0, 3),
+    Case("kinova-gen3", True, 1.0, 0),
+    Case("kinova-gen3", True, 0.6, 0),
+    Case("kinova-gen3", True, 1.0, 2),
 )
 
 
@@ -130,10 +116,7 @@ def row(case: Case, planner: str) -> dict[str, object]:
     bound = load(PROVED).solve(problem).lower_bound or np.nan
     best = min(planned, path)
     return {
-        "problem": case.arm if case.arm == "two links" else f"{case.arm}-near",
-        "a, rad/s²": "own" if case.acceleration is None else f"{case.acceleration:g}",
-        "torque, %": 100 * case.share,
-        "payload, kg": case.payload,
+        **case.named,
         "without it, s": certified(free, free, "exact")[0],
         "proved bound, s": bound,
         "best, s": best,
@@ -163,21 +146,23 @@ def drawn(table: pd.DataFrame) -> Figure:
     """Draw durations against the torques: along a spline, the best of the table, and the bound."""
     figure = Figure(figsize=(5.4, 3.6), layout="constrained")
     axes = figure.subplots()
-    drawn = {
-        "ur5e-near": (Case("ur5e", FAST, 1.0, 0), BLUE),
-        "ur5e-near, 5 kg": (Case("ur5e", FAST, 1.0, 5), VERMILION),
+    shown = {
+        "two links": (Case("two links", False, 1.0, 0), BLUE),
+        "two links, 1 kg": (Case("two links", False, 1.0, 1.0), VERMILION),
+        "UR5e, 5 kg": (Case("ur5e", True, 1.0, 5), GREEN),
     }
     percent = 100 * np.array(SHARES)
-    for name, (case, colour) in drawn.items():
-        axes.plot(percent, curve(case), color=colour, lw=0.8, ls="--", label=f"{name}: along")
-        own = table[
-            (table["problem"] == "ur5e-near")
-            & (table["a, rad/s²"].astype(str) == f"{FAST:g}")
-            & (table["payload, kg"] == case.payload)
-        ]
-        axes.plot(own["torque, %"], own["best, s"], color=colour, marker="o", ls="", label="best")
-    axes.axhline(own["proved bound, s"].min(), color=BLACK, lw=0.8, label="bound without torques")
-    axes.set_xlabel("torques, % of the maker's")
+    for name, (case, colour) in shown.items():
+        axes.plot(percent, curve(case), color=colour, lw=0.8, ls="--")
+        arm = {key: value for key, value in case.named.items() if key != "torque, %"}
+        same = [table[key].astype(str) == value for key, value in arm.items()]
+        own = table[np.logical_and.reduce(same)]
+        axes.plot(own["torque, %"], own["best, s"], color=colour, marker="o", ls="", label=name)
+        bound = own["proved bound, s"].min()
+        axes.axhline(bound, color=colour, lw=0.6, ls=":")
+    axes.plot([], [], color=BLACK, lw=0.8, ls="--", label="along a spline")
+    axes.plot([], [], color=BLACK, lw=0.6, ls=":", label="bound without torques")
+    axes.set_xlabel("torques, % of those stated")
     axes.set_ylabel("duration, s")
     axes.set_ylim(bottom=0)
     axes.legend()
