@@ -33,6 +33,8 @@ MAX_SEGMENTS = 4
 # multiples of a power of two, so they are exact.
 _INSTANTS = 32
 SHORTEST_EDGE = 1e-4  # smaller simplices, relative to the segment times, are not halved
+# Share of the way to the target up to which simplices are halved with the one of the least bound.
+_NEAREST = 0.1
 _BATCH = 64
 # Largest number of choices of waypoints that are compared.
 _MAX_CHOICES = 170
@@ -133,7 +135,7 @@ def prove(
     share = shortest / unit
     start = share + (1 - share.sum()) * np.eye(rows.segments)
     search = _SimplexSearch(rows, target * (1 - within), start, used[keep])
-    while search.open_simplices and time.process_time() < deadline:
+    while search.may_improve and time.process_time() < deadline:
         search.step(target)
     limits = rows.only(np.arange(rows.equations, len(rows.power)))
     derivative = order - 1.0 - limits.power + (limits.width > 0)
@@ -274,6 +276,7 @@ class _SimplexSearch:
     leaves: list[Array | None] = field(default_factory=list)
     splits: dict[int, tuple[int, int, int, int]] = field(default_factory=dict)
     open_simplices: list[int] = field(default_factory=list)
+    least_left: float = np.inf  # bound of a simplex that is too small to be halved
 
     def __post_init__(self) -> None:
         self._add(self.start[None], self.target)
@@ -310,6 +313,12 @@ class _SimplexSearch:
         self.open_simplices += [k for k in added if self.bounds[k] < self.target]
         return added
 
+    @property
+    def may_improve(self) -> bool:
+        """Return whether the least bound may rise: it is one of a simplex that can be halved."""
+        least = min((self.bounds[k] for k in self.open_simplices), default=np.inf)
+        return least < self.least_left
+
     def step(self, near: float) -> None:
         """Halve the longest edge, relative to the segment times, of the simplices with least bound.
 
@@ -319,8 +328,12 @@ class _SimplexSearch:
             self.open_simplices.clear()
             return
         self.open_simplices.sort(key=self.bounds.__getitem__)
-        worst = self.open_simplices[:_BATCH]
-        self.open_simplices = self.open_simplices[_BATCH:]
+        # those far above the least may never count: it may be that of a simplex that is left
+        least = self.bounds[self.open_simplices[0]]
+        most = least + _NEAREST * (self.target - least)
+        count = sum(self.bounds[k] <= most for k in self.open_simplices[:_BATCH])
+        worst = self.open_simplices[:count]
+        self.open_simplices = self.open_simplices[count:]
         corners = np.array([self.corners[k] for k in worst])
         count = corners.shape[1]
         edges = np.abs(corners[:, :, None] - corners[:, None])
@@ -328,6 +341,8 @@ class _SimplexSearch:
         longest = lengths.reshape(len(corners), -1).argmax(axis=1)
         i, j = np.divmod(longest, count)
         wide = lengths[np.arange(len(corners)), i, j] > SHORTEST_EDGE
+        left = [self.bounds[k] for k, one in zip(worst, wide, strict=True) if not one]
+        self.least_left = min([self.least_left, *left])
         worst = [k for k, one in zip(worst, wide, strict=True) if one]
         if not worst:
             return

@@ -381,31 +381,40 @@ def _active_set(
     best = np.zeros(low.shape)
     best_value = np.full(len(low), -np.inf)
     size = np.minimum(np.abs(low), np.abs(high)) + 1e-12
+    left = np.arange(len(low))  # those whose active set still changes
     for _ in range(_ITERATIONS):
-        own = np.flatnonzero(active.any(axis=0))
-        some = active[:, own]
+        now, aim, sides = active[left], goal[left], side[left]
+        own = np.flatnonzero(now.any(axis=0))
+        some = now[:, own]
         both = some[:, :, None] & some[:, None, :]
         diagonal = np.where(some, 1e-11, 1.0)[:, :, None] * np.eye(len(own))
-        matrix = np.where(both, scaled[:, own][:, :, own], 0) + diagonal
-        y = np.zeros(low.shape)
-        y[:, own] = np.linalg.solve(matrix, np.where(some, goal[:, own], 0)[..., None])[..., 0]
-        wrong = active & is_limit & (y * side < 0)
+        matrix = np.where(both, scaled[left[:, None, None], own[:, None], own], 0) + diagonal
+        y = np.linalg.solve(matrix, np.where(some, aim[:, own], 0)[..., None])[..., 0]
+        wrong = some & is_limit[own] & (y * sides[:, own] < 0)
         valid = np.where(wrong, 0, y)
-        taken = np.einsum("bij,bj->bi", scaled, valid)
-        value = (valid * (2 * goal - taken)).sum(1)
-        better = value > best_value
-        best[better], best_value[better] = valid[better], value[better]
-        reached = np.einsum("bij,bj->bi", scaled, y)
-        over = np.where(allowed & ~active, np.maximum(reached - high, low - reached), -1) / size
-        any_wrong = np.logical_or.reduce(wrong, axis=1, keepdims=True)
-        active &= ~wrong
-        side = np.where(wrong, 0, side)
+        of_rows = scaled[left[:, None], own]
+        reached = np.einsum("bij,bi->bj", of_rows, y)
+        any_wrong = np.asarray(wrong.any(axis=1))
+        taken = reached
+        if any_wrong.any():
+            taken = np.einsum("bij,bi->bj", of_rows, valid)
+        value = (valid * (2 * aim[:, own] - taken[:, own])).sum(1)
+        better = value > best_value[left]
+        rows = left[better]
+        best[rows] = 0.0
+        best[rows[:, None], own] = valid[better]
+        best_value[rows] = value[better]
+        beyond = np.maximum(reached - high[left], low[left] - reached)
+        over = np.where(allowed[left] & ~now, beyond, -1) / size[left]
+        now[:, own] &= ~wrong
+        sides[:, own] = np.where(wrong, 0, sides[:, own])
         worst = over.max(1)[:, None]
-        added = (over > 1e-6) & (over >= 0.5 * worst) & ~any_wrong
-        below = low - reached > reached - high
-        active |= added
-        side = np.where(added, np.where(below, 1.0, -1.0), side)
-        goal = np.where(added, np.where(below, low, high), goal)
-        if not (any_wrong.any() or added.any()):
+        added = (over > 1e-6) & (over >= 0.5 * worst) & ~any_wrong[:, None]
+        below = low[left] - reached > reached - high[left]
+        active[left] = now | added
+        side[left] = np.where(added, np.where(below, 1.0, -1.0), sides)
+        goal[left] = np.where(added, np.where(below, low[left], high[left]), aim)
+        left = left[any_wrong | added.any(axis=1)]
+        if not len(left):
             break
     return best * scale, best_value

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import trajopt
-from baselines.front.bound import problem_rows, prove, shortest_times
+from baselines.front.bound import _SimplexSearch, problem_rows, prove, shortest_times
 from baselines.front.curve import bound_with_limits
 from baselines.front.dual import free_bounds
 from baselines.front.least import least, without_limits
@@ -187,3 +187,17 @@ def test_there_and_back_again_drops_no_waypoint_between_two_that_are_the_same():
     (point,) = trajopt.front(problem, durations=[8.0], time_limit=1.0).points
     assert point.lower is not None
     assert point.lower <= point.value
+
+
+def test_a_search_ends_where_its_least_bound_is_of_a_simplex_that_is_not_halved():
+    """Other simplices cannot raise the bound: on six-axis they took all of the time limit."""
+    rows, _ = problem_rows(Problem([[0.0], [0.5], [1.0]], FAR), np.arange(3), 3, None)
+    search = _SimplexSearch(rows, np.inf, np.eye(rows.segments), np.ones(rows.low.shape, bool))
+    search.bounds, search.open_simplices = [3.0, 1.0, 2.0], [2, 1]
+    assert search.may_improve
+    search.least_left = 1.5
+    assert search.may_improve
+    search.open_simplices = [2]
+    assert not search.may_improve
+    search.least_left, search.open_simplices = np.inf, []
+    assert not search.may_improve
