@@ -322,6 +322,7 @@ def test_the_suites_are_those_of_the_issue_and_one_per_random_family(suites):
         "demands",
         "mixes",
         "rivals-own",
+        "arms",
         "random",
         *families_,
     ]

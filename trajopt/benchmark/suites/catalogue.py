@@ -21,6 +21,7 @@ from zlib import crc32
 import numpy as np
 
 from trajopt.benchmark.suites import (
+    arms,
     demands,
     edges,
     families,
@@ -202,6 +203,7 @@ def suites() -> dict[str, Suite]:
         demands.SUITE,
         mixes.SUITE,
         rivals_own.SUITE,
+        arms.SUITE,
         Suite(
             "random",
             "its families by turns",
@@ -254,9 +256,9 @@ class Listed(NamedTuple):
 
 @cache
 def every_problem() -> dict[str, Listed]:
-    """Return the problems of all suites at their default sizes, each once, by their digests."""
+    """Return the recorded problems of all suites, each once, by their digests."""
     found: dict[str, Listed] = {}
-    for suite in suites():
-        for problem in problems(suite):
-            found.setdefault(problem.digest(), Listed(suite, problem))
+    for name, suite in suites().items():
+        for problem in problems(name) if suite.recorded else ():
+            found.setdefault(problem.digest(), Listed(name, problem))
     return found

@@ -20,7 +20,8 @@ class Suite:
     """Problems that belong together; `stream` yields the same ones at each call.
 
     Where `stream` has no end, `size` is the default number of problems. `named` returns the
-    problem of a name, or None; of problems that are files the catalogue finds the names.
+    problem of a name, or None; of problems that are files the catalogue finds the names. Problems
+    that are not `recorded` have no best known motion and bound in the repository.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Suite:
     stream: Callable[[], Iterator[Problem]]
     named: Callable[[str], Problem | None] = _unnamed
     size: int | None = None
+    recorded: bool = True
 
     def problems(self, size: int | None = None) -> list[Problem]:
         """Return the first `size` problems, or all if there are fewer."""

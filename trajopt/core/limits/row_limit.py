@@ -29,6 +29,7 @@ _SAMPLES = 64  # of each piece, in which an interval of a high use is looked for
 _HALVINGS = 50  # until its ends are known to rounding
 _MAX_DILATION = 2.0**20
 _MAX_CUTS = 50  # each is a Newton step; three or four are enough
+_MOST_CUTS = 4096  # instants of a motion at the beginning, or one of each piece
 _SHARES = np.array([1.0, 0.75, 0.5, 0.25, 0.6])  # of `1/k`: four for a cubic, and one to check it
 _POLYNOMIAL_RTOL = 1e-9
 
@@ -147,7 +148,8 @@ class RowLimit(FieldsLimit):
             return super().dilation(use, motion)
         if not np.isfinite(use.value):
             return np.inf
-        shares = np.linspace(0.0, 1.0, _SAMPLES + 2)[1:-1]
+        samples = int(np.clip(_MOST_CUTS // len(motion.lengths), 1, _SAMPLES))
+        shares = np.linspace(0.0, 1.0, samples + 2)[1:-1]
         times = np.ravel(motion.breaks[:-1, None] + shares * motion.lengths[:, None])
         cuts = self._cuts(motion, np.append(times, use.time))
         if cuts is None:
