@@ -7,6 +7,7 @@ import trajopt
 from trajopt import InvalidInput, Limits
 from trajopt.benchmark.suites.chunks import KINDS, targets
 from trajopt.chunks import DilatedSpline, answers, from_samples, take_over
+from trajopt.core.chain import LinkChain
 
 V, A = 2.0, 10.0
 ONE = Limits(velocity=[V], acceleration=[A])
@@ -76,6 +77,15 @@ def test_a_spline_in_motion_keeps_its_velocity_at_the_start():
     motion = chunk.spline.motion(chunk.problem)
     assert motion(0.0, 1) == pytest.approx([0.3, 0, 0], abs=1e-9)
     assert trajopt.verify(chunk.problem, motion).feasible
+
+
+def test_a_limit_that_the_planner_does_not_know_times_its_path():
+    # 1 m along a line at a tool speed v and an acceleration a: 1/v + v/a; dilated it took 2 s
+    chain = LinkChain(np.tile(np.eye(4), (2, 1, 1)), np.eye(3)[:2], np.ones(2, dtype=bool))
+    limits = Limits([10.0, 10.0], [3.0, 4.0], tool_speed=1.0)
+    line = np.linspace([0.0, 0.0], [0.6, 0.8], 20)
+    chunk = from_samples(line, limits, rate=30, chain=chain, tolerance=0, joint_units=["m", "m"])
+    assert chunk.fastest().duration == pytest.approx(1 / 1 + 1 / 5, rel=5e-4)
 
 
 def test_repeated_targets_are_passed():

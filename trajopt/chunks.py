@@ -10,7 +10,8 @@ time. `at_given_times` asks that no target follows the one before sooner than th
 its own times are possible these are the answer, else those of the least largest delay.
 
 The answer is the planner's, or the clamped spline through the targets, dilated: whichever takes
-less time, both judged. It is therefore never slower than that spline.
+less time, both judged. It is therefore never slower than that spline. Limits that the planner does
+not know, such as the tool's speed, time the path of its motion anew.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import keeping, keeps, verify
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.registry import load
+from trajopt.retiming import GivenPath
 
 Mode = Literal["fastest", "at-given-times"]
 TOLERANCE = 0.005
@@ -435,18 +437,22 @@ def _missed(problem: Problem, kept: Bools, motion: Trajectory) -> list[int]:
 
 
 def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:
-    """Return the judged answers of a planner, which may plan problems together."""
+    """Return the judged answers of a planner, which may plan problems together.
+
+    It plans without the limits that it does not know; the judge dilates what breaks these.
+    """
     if not problems:
         return []
     own = Configuration.given(planner)
     started = now()
+    known = [problem.without(*own.planner.unknown(problem)) for problem in problems]
     every: list[Answers] = []
     if len(problems) > 1:
         try:
-            every = answered_many(own.planner, problems, [0] * len(problems))
+            every = answered_many(own.planner, known, [0] * len(known))
         except Exception:  # whatever a planner raises: which of them it failed on is not known
             every = []
-    every = every or [answered(own.planner, problem, [0]) for problem in problems]
+    every = every or [answered(own.planner, problem, [0]) for problem in known]
     return [
         judged(own.entrant, problem, [0], found, started)[0]
         for problem, found in zip(problems, every, strict=True)
@@ -457,6 +463,8 @@ def _better(
     chunk: Chunk, mode: Mode, problem: Problem, trial: Trial, *, patient: bool
 ) -> ChunkAnswer:
     """Return the planner's answer, or the spline's where that is no slower."""
+    if mode == "fastest" and not trial.feasible:
+        trial = _retimed(problem, trial) or trial
     planned = trial.certified_duration
     motion = chunk.spline.motion(problem, planned)
     if motion is not None and (planned is None or motion.duration <= planned * (1 + _SAME_RTOL)):
@@ -467,6 +475,21 @@ def _better(
     elif planned is None and trial.status is not Status.INFEASIBLE and patient:
         trial = best(problem, 0).trial
     return ChunkAnswer(chunk, mode, trial)
+
+
+def _retimed(problem: Problem, trial: Trial) -> Trial | None:
+    """Return a motion along the path of one that breaks limits, timed under all of them."""
+    motion = trial.solution.trajectory
+    if motion is None:
+        return None
+    places = motion(motion.waypoint_times)
+    passed = replace(problem.without("tolerance"), waypoints=places)
+    solution = GivenPath(motion, load("along")).solve(passed)
+    found = Answers([solution], Relation.RESTRICTION, wall_time=trial.solve_time)
+    own = Configuration.of(load("along"), "along", "along")
+    (timed,) = judged(own.entrant, problem, [0], found, trial.started)
+    is_shorter = (timed.certified_duration or np.inf) < (trial.certified_duration or np.inf)
+    return timed if is_shorter else None
 
 
 @dataclass(frozen=True)
