@@ -52,6 +52,8 @@ _BRIEFEST = 1e-6  # of the times of stopping
 # Cost of missing a waypoint; by how much a guess may miss one; a smaller miss is rounding.
 _MISS_COST = 100.0
 _MISSING = 0.1
+# Shares by which limits are widened at first, the next from the answer within the last.
+_WIDER = (1e-3, 1e-5, 1e-7, 1e-9)
 _MISSED = 1e-6
 # After IPOPT, in units of the largest excess over a constraint: constraints with more room do not
 # count; no variable changes by more. The cost of the excess, beside all changes together.
@@ -101,6 +103,9 @@ class FreeOptimum(NamedTuple):
     pieces: Array
     converged: bool
 
+    def duration(self) -> float:
+        return float(self.times.sum())
+
 
 def choices(problem: Problem) -> int:
     """Return for how many choices of merged neighbours it is tried: with none, with most, …"""
@@ -128,7 +133,9 @@ def guesses(scaled: Scaled, faster: Trajectory | None = None) -> Iterator[FreeGu
     yield from found[: _MOST_CELLS // scaled.h.size]
 
 
-def minimised(scaled: Scaled, times: Array, like: Trajectory | None = None) -> FreeOptimum | None:
+def minimised(
+    scaled: Scaled, times: Array, like: Trajectory | None = None, *, widened: bool = False
+) -> FreeOptimum | None:
     """Return the motion to which IPOPT comes from a guess, if it meets all waypoints.
 
     It may not have converged: a thousand iterations may change nothing but multipliers. The judge
@@ -137,6 +144,7 @@ def minimised(scaled: Scaled, times: Array, like: Trajectory | None = None) -> F
     Args:
         scaled: The problem, whose limits leave a share to rounding.
         times, like: As in `FreeGuess`.
+        widened: Whether the limits are wider at first, so that there is an inside.
     """
     segments, joints = scaled.h.shape
     jerky = scaled.r.max(axis=(0, 1)) > 0
@@ -197,8 +205,11 @@ def minimised(scaled: Scaled, times: Array, like: Trajectory | None = None) -> F
         flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
     )
     answer, converged = None, False
-    for most in (high, exact):  # the second begins at the answer of the first
-        run = solver(np.clip(guess, low, most), parameters, (low, most), rows)
+    wider = _WIDER if widened else (0.0,)
+    # each begins at the answer of the last
+    for most, by in ((high, wider[0]), *((exact, by) for by in wider)):
+        wide = [_widened((low, most), by), _widened(rows, by)]
+        run = solver(np.clip(guess, *wide[0]), parameters, *wide)
         if not run.x[-missing.size :].max() <= _MISSED:
             break
         guess = run.x
@@ -306,6 +317,12 @@ def _sharpened(
             break
         best, unit = tried, after
     return best, unit
+
+
+def _widened(bounds: Bounds, by: float) -> Bounds:
+    """Return bounds that leave a share more."""
+    low, high = (np.where(np.isfinite(own), own, 0.0) for own in bounds)
+    return bounds[0] - by * np.abs(low), bounds[1] + by * np.abs(high)
 
 
 def _excess(values: Array, rows: Bounds) -> float:

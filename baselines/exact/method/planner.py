@@ -37,6 +37,7 @@ DEMANDS_KNOWN = ("least_times", "given_times", "closed")
 _GIVEN_RTOL = 1e-10
 # Largest possible excess over the optimum, relative, with which the second method is left out.
 _NEAR_RTOL = 1e-4
+_PROVED_RTOL = 1e-6  # and with which its next guesses are left out
 _SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
 # Most cells, segments times joints, of the problems that are solved together: with more, tables
 # leave the processor's cache.
@@ -222,18 +223,14 @@ class SeveralStarts(Planner):
         known = problem.without(*self.unknown(problem))
         for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
             leave(scaled, spare)
-        shortest, best = below / scales[0].unit, None
+        shortest, best = below, None
         for guess in guesses:
-            for scaled in scales:
-                found = free_pieces.minimised(scaled, *guess)
-                if found is None or not found.times.sum() < shortest:
-                    break
-                motion = motion_of(scaled, optimum(scaled, found))
-                if motion is None or not keeps(known, motion):
-                    motion = free_pieces.motion(scaled, found)
-                if motion is not None and keeps(known, motion):
-                    shortest, best = float(found.times.sum()), motion
-                    break
+            motion = _freely_from(guess, known, scales, optimum, shortest)
+            if motion is None:
+                continue
+            shortest, best = motion.duration, motion
+            if bounds.is_near(known, best, _PROVED_RTOL):
+                break
         if best is None:
             return Solution(Status.FAILED, message="the second method finds none")
         return self.answered(problem, best)
@@ -336,6 +333,28 @@ def unconverged(scaled: Reaching, local: Sequence[LocalOptimum]) -> Trajectory |
             duration = verify(scaled.problem, motion).certified_duration
             found += [(duration, motion)] if duration is not None else []
     return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _freely_from(
+    guess: FreeGuess,
+    known: Problem,
+    scales: Sequence[Any],
+    optimum: Callable[[Any, FreeOptimum], LocalOptimum],
+    below: float,
+) -> Trajectory | None:
+    """Return the shortest motion, below a duration in s, to which the second method comes."""
+    for scaled in scales:
+        # limits that are wider at first lead to some optima, and away from others
+        widened = (False, True) if scaled is scales[0] else (False,)
+        tried = (free_pieces.minimised(scaled, *guess, widened=own) for own in widened)
+        for found in sorted(filter(None, tried), key=FreeOptimum.duration):
+            if not scaled.unit * found.duration() < below:
+                return None
+            motions = motion_of(scaled, optimum(scaled, found)), free_pieces.motion(scaled, found)
+            for motion in motions:
+                if motion is not None and keeps(known, motion):
+                    return motion
+    return None
 
 
 def motion_of(scaled: Reaching, own: LocalOptimum) -> Trajectory | None:
