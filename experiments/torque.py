@@ -59,7 +59,7 @@ def two_links() -> Problem:
 
 
 @dataclass(frozen=True)
-class Case:
+class ArmCase:
     """An arm, whether its acceleration limits are `FAST`, share of torque, and payload, kg."""
 
     arm: str
@@ -89,25 +89,25 @@ class Case:
 
 
 CASES = (
-    Case("two links", False, 1.0, 0),
-    Case("two links", False, 0.6, 0),
-    Case("two links", False, 1.0, 1.0),
-    Case("ur5e", False, 1.0, 0),
-    Case("ur5e", False, 0.6, 0),
-    Case("ur5e", False, 1.0, 5),
-    Case("ur5e", True, 1.0, 0),
-    Case("ur5e", True, 0.6, 0),
-    Case("ur5e", True, 1.0, 5),
-    Case("franka-panda", False, 1.0, 0),
-    Case("franka-panda", False, 0.6, 0),
-    Case("franka-panda", False, 1.0, 3),
-    Case("kinova-gen3", True, 1.0, 0),
-    Case("kinova-gen3", True, 0.6, 0),
-    Case("kinova-gen3", True, 1.0, 2),
+    ArmCase("two links", False, 1.0, 0),
+    ArmCase("two links", False, 0.6, 0),
+    ArmCase("two links", False, 1.0, 1.0),
+    ArmCase("ur5e", False, 1.0, 0),
+    ArmCase("ur5e", False, 0.6, 0),
+    ArmCase("ur5e", False, 1.0, 5),
+    ArmCase("ur5e", True, 1.0, 0),
+    ArmCase("ur5e", True, 0.6, 0),
+    ArmCase("ur5e", True, 1.0, 5),
+    ArmCase("franka-panda", False, 1.0, 0),
+    ArmCase("franka-panda", False, 0.6, 0),
+    ArmCase("franka-panda", False, 1.0, 3),
+    ArmCase("kinova-gen3", True, 1.0, 0),
+    ArmCase("kinova-gen3", True, 0.6, 0),
+    ArmCase("kinova-gen3", True, 1.0, 2),
 )
 
 
-def row(case: Case, planner: str) -> dict[str, object]:
+def row(case: ArmCase, planner: str) -> dict[str, object]:
     """Return the row of one case."""
     free, problem = case.problems()
     planned, seconds, judging = certified(problem, problem, planner)
@@ -128,7 +128,7 @@ def row(case: Case, planner: str) -> dict[str, object]:
     }
 
 
-def curve(case: Case) -> list[float]:
+def curve(case: ArmCase) -> list[float]:
     """Return durations along a spline, s, by share of the torque; NaN where an arm cannot rest."""
     found = []
     for share in SHARES:
@@ -147,9 +147,9 @@ def drawn(table: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(5.4, 3.6), layout="constrained")
     axes = figure.subplots()
     shown = {
-        "two links": (Case("two links", False, 1.0, 0), BLUE),
-        "two links, 1 kg": (Case("two links", False, 1.0, 1.0), VERMILION),
-        "UR5e, 5 kg": (Case("ur5e", True, 1.0, 5), GREEN),
+        "two links": (ArmCase("two links", False, 1.0, 0), BLUE),
+        "two links, 1 kg": (ArmCase("two links", False, 1.0, 1.0), VERMILION),
+        "UR5e, 5 kg": (ArmCase("ur5e", True, 1.0, 5), GREEN),
     }
     percent = 100 * np.array(SHARES)
     for name, (case, colour) in shown.items():

@@ -150,7 +150,7 @@ def _known(problem: Problem, record: Record | None) -> Trial | None:
     )
 
 
-class _Prover(Protocol):
+class Prover(Protocol):
     """A planner that proves lower bounds."""
 
     def beside(self, problem: Problem, motion: Trajectory) -> float:
@@ -164,7 +164,7 @@ def _proof(answer: Trial, seconds: float) -> float:
     if motion is None:
         return 0.0
     try:
-        prover = cast(_Prover, load(f"prove:time_limit={seconds}"))
+        prover = cast(Prover, load(f"prove:time_limit={seconds}"))
         return prover.beside(answer.problem, motion)
     except TrajoptError:
         return 0.0

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import factorial
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,7 @@ from trajopt.benchmark.trial import (
     judged,
     now,
 )
-from trajopt.best_planner import best
+from trajopt.best_planner import Prover, best
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.chain import LinkChain
 from trajopt.core.demand import END_STATES
@@ -194,7 +194,7 @@ class ChunkAnswer:
                 break
             kept[missed] = True
         part, known = _decisive(part, known, within / 10)
-        prover = cast(_Prover, load(f"prove:time_limit={seconds},within={within / 10}"))
+        prover = cast(Prover, load(f"prove:time_limit={seconds},within={within / 10}"))
         return prover.beside(part, known)
 
     def as_dict(self) -> dict[str, Any]:
@@ -375,14 +375,6 @@ def answers(
         for chunk, problem, trial in zip(chunks, problems, found, strict=True)
         if trial is not None
     ]
-
-
-class _Prover(Protocol):
-    """A planner that proves lower bounds."""
-
-    def beside(self, problem: Problem, motion: Trajectory) -> float:
-        """Return a lower bound, s, with a motion that keeps every limit as the target."""
-        ...
 
 
 def _turning(problem: Problem) -> Bools:

@@ -120,9 +120,9 @@ class _Table:
         self._lengths = np.concatenate([own.lengths for own in motions])
         self._breaks = np.concatenate([own.breaks for own in motions])
         self._waypoints = np.concatenate([own.waypoints for own in self._problems])
-        self._pieces = _Rows([len(own.lengths) for own in motions])
-        self._knots = _Rows([len(own.breaks) for own in motions])
-        self._passed = _Rows([len(own.waypoints) for own in self._problems])
+        self._pieces = _Shares([len(own.lengths) for own in motions])
+        self._knots = _Shares([len(own.breaks) for own in motions])
+        self._passed = _Shares([len(own.waypoints) for own in self._problems])
         # of each piece, the break at which it begins
         self._begins = np.arange(len(self._lengths)) + self._pieces.owner
         at = np.concatenate([_breaks_at_waypoints(own) for own in motions])
@@ -323,7 +323,7 @@ class _Table:
         return [own and use(own, motion) for own, motion in pairs]
 
 
-class _Rows:
+class _Shares:
     """Which rows of a table are whose.
 
     Args:
