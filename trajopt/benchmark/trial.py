@@ -420,11 +420,11 @@ def judged(
     limits: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Trial]:
     """Return the judged trials of answers, one per seed; they are verified on `problem`."""
-    asked = Request(entrant, problem, tuple(seeds), answers, limits)
+    asked = Exchange(entrant, problem, tuple(seeds), answers, limits)
     return judged_many([asked], started)
 
 
-class Request(NamedTuple):
+class Exchange(NamedTuple):
     """What was asked of a planner on a problem, with seeds, and what it answered.
 
     `limits` are those of time and memory.
@@ -437,7 +437,7 @@ class Request(NamedTuple):
     limits: Mapping[str, str]
 
 
-def judged_many(every: Sequence[Request], started: str) -> list[Trial]:
+def judged_many(every: Sequence[Exchange], started: str) -> list[Trial]:
     """Return the judged trials of all answers, one after the other; they are verified together."""
     pairs = [(own.problem, solution) for own in every for solution in own.answers.solutions]
     found = iter(verdicts(pairs))
@@ -448,7 +448,7 @@ def judged_many(every: Sequence[Request], started: str) -> list[Trial]:
     ]
 
 
-def _trials(asked: Request, started: str, verdicts: Iterable[Verdict]) -> list[Trial]:
+def _trials(asked: Exchange, started: str, verdicts: Iterable[Verdict]) -> list[Trial]:
     """Return the trials of judged answers."""
     entrant, problem, seeds, answers, limits = asked
     trials = []

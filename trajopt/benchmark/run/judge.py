@@ -29,7 +29,7 @@ from trajopt.benchmark.trial import (
     OUT_OF_MEMORY,
     Answers,
     Entrant,
-    Request,
+    Exchange,
     Trial,
     crash,
     judged_many,
@@ -152,7 +152,7 @@ def judge_here(
 ) -> list[Written]:
     """Verify the answers to some requests in this process, and store the trials together."""
     asked = [
-        Request(own.entrant, own.problem, own.seeds, answers, own.allowed.as_dict())
+        Exchange(own.entrant, own.problem, own.seeds, answers, own.allowed.as_dict())
         for own, answers in zip(requests, every, strict=True)
     ]
     return requests[0].store.write_all(judged_many(asked, started), instead=_lost)
