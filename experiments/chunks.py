@@ -12,6 +12,7 @@
 - bounds: the answer over a proved bound (`ChunkAnswer.bound`), minus 1;
 - steps: a chunk that takes over from one that runs, three tenths of it passed, with new noise of 5
   mrad and another anchor of 10 mrad: CPU s of a step;
+- search: the answer over that of `exact`'s full search, from ten guesses to the last digit;
 - jerk: the same chunks with jerk limits of 200 rad/s³, one call a chunk;
 - rivals: what is done today, at the chunk's own times and played as fast as the answer.
 
@@ -112,6 +113,17 @@ def stepped(kind: str, number: int) -> Iterator[dict[str, Any]]:
     began = time.process_time()
     answer = take_over(running, at, moved, asked.problem.limits, rate=RATE)
     yield row("step", answer, time.process_time() - began)
+
+
+def searched(kind: str, number: int) -> Iterator[dict[str, Any]]:
+    """Search for a faster motion with all that `exact` has."""
+    answer = chunk(kind, number).fastest()
+    began = time.process_time()
+    (full,) = answers([answer.chunk], planner="exact")
+    seconds = time.process_time() - began
+    assert answer.duration is not None
+    assert full.duration is not None
+    yield row("search", full, seconds) | {"gap": answer.duration / full.duration - 1}
 
 
 def rivals(kind: str, number: int) -> Iterator[dict[str, Any]]:
@@ -286,7 +298,9 @@ def main(
     output: Path = Path("results/chunks"),
     quick: bool = False,
     draw: Path | None = None,
-    only: Literal["all", "answers", "single", "steps", "bounds", "jerk", "rivals"] = "all",
+    only: Literal[
+        "all", "answers", "single", "steps", "rivals", "search", "bounds", "jerk"
+    ] = "all",
 ) -> None:
     """Measure what is missing, and print medians.
 
@@ -302,6 +316,7 @@ def main(
         "single": (alone, each[1] // len(KINDS)),
         "steps": (stepped, 5 * each[1] // len(KINDS)),
         "rivals": (rivals, each[1] // len(KINDS)),
+        "search": (searched, each[2] // len(KINDS)),
         "bounds": (bounds, each[2] // len(KINDS)),
         "jerk": (partial(alone, jerk=True), each[2] // len(KINDS)),
     }

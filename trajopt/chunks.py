@@ -17,6 +17,7 @@ not know, such as the tool's speed, time the path of its motion anew.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -347,6 +348,7 @@ def answers(
     planner: object = None,
     *,
     patient: bool = True,
+    timeout: float | None = None,
 ) -> list[ChunkAnswer]:
     """Return the answers to several chunks; those of one shape are planned together.
 
@@ -355,6 +357,8 @@ def answers(
         mode: "fastest" or "at-given-times".
         planner: a planner, or a registered one by its name; by default the best for the limits.
         patient: whether slower planners are asked where this one and the spline have no answer.
+        timeout: wall time of a chunk with jerk limits, s, after which the planner is stopped, in a
+            process of its own. Seconds are usual; from a state in motion it may take minutes.
 
     Raises:
         UnknownName: There is no planner of this name.
@@ -368,7 +372,11 @@ def answers(
             for i, problem in enumerate(problems)
             if planner is not None or problem.has("jerk") == jerky
         ]
-        for i, trial in zip(own, _planned(name, [problems[i] for i in own]), strict=True):
+        some = [problems[i] for i in own]
+        trials = (
+            _planned(name, some) if timeout is None or not jerky else _stopped(name, some, timeout)
+        )
+        for i, trial in zip(own, trials, strict=True):
             found[i] = trial
     return [
         _better(chunk, mode, problem, trial, patient=patient)
@@ -449,6 +457,16 @@ def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:
         judged(own.entrant, problem, [0], found, started)[0]
         for problem, found in zip(problems, every, strict=True)
     ]
+
+
+def _stopped(planner: object, problems: Sequence[Problem], seconds: float) -> list[Trial]:
+    """Return the judged answers of a planner that is stopped after a time for each problem."""
+    if not problems:
+        return []
+    from trajopt.benchmark.run.runner import Supervised  # late: needs cloudpickle
+
+    with closing(Supervised(planner, problems[0], timeout=seconds)) as chosen:
+        return [chosen.trials(problem, [0])[0] for problem in problems]
 
 
 def _better(

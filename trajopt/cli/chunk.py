@@ -15,7 +15,7 @@ from trajopt.benchmark.episodes import Episode
 from trajopt.chunks import TOLERANCE, Chunk, ChunkAnswer, Mode, answers, from_samples
 from trajopt.cli import asked, console, kinds, starting
 from trajopt.cli.asked import NO_FLAGS, RobotFlags, RobotOptions
-from trajopt.cli.parameters import Force, Json, Writing, number, whole_number
+from trajopt.cli.parameters import Force, Json, Timeout, Writing, number, whole_number
 from trajopt.cli.plan import check_target
 from trajopt.cli.starting import STARTING
 from trajopt.core.arrays import Array
@@ -87,6 +87,7 @@ def chunk(
     force: Force = False,
     cycle: Annotated[float, number("Control cycle, s.", least=1e-6, most=1e3)] = 1e-3,
     points: Writing[Points | None] = None,
+    timeout: Timeout = 60.0,
     json: Json = False,
 ) -> int:
     """Plan the motion through the targets of each chunk of a learned policy.
@@ -105,6 +106,7 @@ def chunk(
         fastest: In the least time (the default).
         at_given_times: No target sooner after the one before than the file says; the least delay.
         out: Write the motion, as plan does; of several chunks a file each, with its name.
+        timeout: Seconds for a chunk with jerk limits; then the spline is the answer.
     """
     if fastest and at_given_times:
         raise InvalidInput("--fastest", "--fastest or --at-given-times, not both", value=True)
@@ -135,7 +137,7 @@ def chunk(
     with console.waiting(f"planning {len(parts)} chunks" if len(parts) > 1 else "planning"):
         asked_for = [own for own in chunks if isinstance(own, Chunk)]
         planned = [_for_cycles(own, cycle) for own in asked_for] if sampled else asked_for
-        found = iter(answers(planned, mode))
+        found = iter(answers(planned, mode, timeout=timeout))
     told: list[dict[str, Any]] = []
     table = console.table("chunk", "verdict", numbers=_NUMBERS)
     codes = []
