@@ -199,6 +199,9 @@ def test_a_limit_keeps_its_numbers():
     some = limit([np.inf, *[30.0] * 5], arm_file.read("ur5e").chain)
     assert some.bounds.tolist() == [False] + [True] * 5
     np.testing.assert_array_equal(Torque.read(some.table(), 6).numbers, some.numbers)
+    assert some.table()["torque"][0] == np.inf
+    # what stores write for a joint without a limit is NaN
+    assert np.isnan(some.numbers).sum() == 1
 
 
 # --- files ---

@@ -48,6 +48,7 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # jerk = [50, 50, 50, 50, 50, 50]                         # rad/s³; real controllers want some
 # position = [[-6, 6], [-6, 6], [-3, 3], [-6, 6], [-6, 6], [-6, 6]]   # rad
 # tool_speed = 0.25                                       # m/s, by the robot's link frames
+# torque = [150, 150, 150, 28, 28, 28]                    # N m, by its masses; or true, or "60 %"
 # # Velocity that falls near joint ends: falling_velocity = true is the robot's own (franka-fr3),
 # # or a table with offset, deceleration and position.
 
@@ -55,6 +56,10 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # [[limits.segment]]
 # number = 2                                              # from 1
 # velocity = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5]               # rad/s; or acceleration, jerk
+
+# What the tool carries, for torques.
+# [payload]
+# mass = 3                                                # kg
 """
 
 

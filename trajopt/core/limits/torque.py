@@ -66,6 +66,9 @@ class Torque(FramesLimit):
     )
 
     def __post_init__(self) -> None:
+        numbers = np.array(self.numbers)
+        numbers[numbers[:, 0] == np.inf, 0] = np.nan  # stores have one sign of no limit
+        object.__setattr__(self, "numbers", numbers)
         super().__post_init__()
         torque = self.column("torque")
         if self._share is None:
@@ -105,8 +108,7 @@ class Torque(FramesLimit):
             if not (is_number(item) or item == np.inf):
                 right = "a positive number, N m, or inf"
                 raise InvalidInput(f"limits.{cls.key}", right, value=item, joint=joint)
-        torque = np.array(value, dtype=float)
-        numbers[:, 0] = np.where((torque == np.inf).all(), np.nan, torque)
+        numbers[:, 0] = value
         return cls(numbers)
 
     @classmethod
@@ -117,13 +119,14 @@ class Torque(FramesLimit):
     def table(self) -> Any:
         if self._share is not None:
             return f"{100 * self._share:.12g} %"
+        torque = np.where(self.bounds, self.column("torque"), np.inf).tolist()
         if not self.is_complete:
-            return self.column("torque").tolist()
+            return torque
         begin, found = 0, {}
         for field in self.fields:
             found[field.name] = field.written(self.numbers[:, begin : begin + field.columns])
             begin += field.columns
-        return found
+        return {**found, "torque": torque}
 
     @property
     def bounds(self) -> Bools:
