@@ -23,8 +23,19 @@ def as_text(content: bytes) -> str:
 
 def packed_json(value: Any) -> str:
     """Return the value as JSON, packed; numbers that are not finite are null."""
-    text = json.dumps(finite(value), separators=(",", ":"), allow_nan=False, default=str)
-    return packed(text)
+    try:
+        return packed(_json(value))
+    except ValueError:  # some are
+        return packed(_json(finite(value)))
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON has for another value."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
 def finite(value: Any) -> Any:

@@ -358,7 +358,10 @@ class Seen:
             key, _ = row
             if key not in self._problems:  # one object, however many trials it has
                 self._problems[key] = frozen(trial.problem)
-            self.keep(found, replace(trial, problem=self._problems[key]), row)
+            shared = self._problems[key]
+            # its own object has what the judge computed of it
+            own = trial if trial.problem is shared else replace(trial, problem=shared)
+            self.keep(found, own, row)
 
     def keep(self, found: Found, trial: Trial | None, row: tuple[Key, Table] | None = None) -> None:
         """Keep a file, the trial in it, and its row."""

@@ -203,6 +203,8 @@ class Limits:
 
         `sizes` has one of each joint, `(joints,)`.
         """
+        if (sizes == 1.0).all():
+            return self
         return self._each(lambda own: own.converted(sizes))
 
     def in_units(self, time: float, lengths: Array | float) -> Limits:
