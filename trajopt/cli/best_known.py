@@ -233,7 +233,9 @@ def _print_suites(known: Mapping[str, Record | None]) -> None:
     """Print how many problems are closed in each suite; a problem counts in all its suites."""
     numbers = ("problems", "closed", "open", "none", "median within %", "largest within %")
     table = console.table("suite", numbers=numbers)
-    for name in catalogue.suites():
+    for name, suite in catalogue.suites().items():
+        if not suite.recorded:
+            continue
         digests = [problem.digest() for problem in catalogue.problems(name)]
         found = [known[digest] for digest in digests]
         kept = [record for record in found if record is not None]
