@@ -630,6 +630,11 @@ def test_torques_on_the_command_line(run):
         told = json.loads(out)
         acceleration = 4 * 2 / torque
         assert told["certified_duration"] == pytest.approx(2 / acceleration**0.5, rel=1e-3)
+    code, out, err = run(f"plan w.csv {flags} --torque 4,inf --planner along --json")
+    assert json.loads(out)["certified_duration"] == pytest.approx(2 / 2**0.5, rel=1e-3)
+    code, _, err = run(f"plan w.csv {flags} --torque 4")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "expected 2 numbers, N m, one per joint" in err
     code, _, err = run(f"plan w.csv {flags} --payload 2")
     assert (code, err.count("\n")) == (2, 1)
     assert "--payload is 2.0: expected a limit that it weighs on" in err

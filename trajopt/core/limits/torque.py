@@ -19,7 +19,7 @@ from trajopt.core.limits.fields import Quantity
 from trajopt.core.limits.limit import Limit, Use, where
 from trajopt.core.limits.link_frames import FRAMES, FramesLimit, frame_columns
 from trajopt.core.limits.rows import JointState, Row, sign
-from trajopt.core.numerals import is_number
+from trajopt.core.numerals import is_number, parsed
 from trajopt.core.tables import is_list
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Torque(FramesLimit):
     degree = None
     of_chain = True
     monotone = False
-    flag = "Limits of the drives' torques: urdf or robot, as stated there, or a share: 60%."
+    flag = "Torques of the drives: urdf or robot, as stated there; a share, 60%; or N m: 9,9,4."
     flag_is_text = True
     fields = (
         Quantity("torque", widens=1),
@@ -101,6 +101,9 @@ class Torque(FramesLimit):
         if share is not None:
             numbers[:, 0] = -share
             return cls(numbers)
+        if isinstance(value, str) and "," in value:  # on the command line
+            texts = [own.strip() for own in value.split(",")]
+            value = [np.inf if own == "inf" else parsed(own) for own in texts]
         right = f"{joints} numbers, N m, one per joint; or true, or a share as in '60 %'"
         if not is_list(value) or len(value) != joints:
             raise InvalidInput(f"limits.{cls.key}", right, value=value)
