@@ -40,13 +40,20 @@ import numpy as np
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Limits, Trajectory, verify
-from trajopt.benchmark.suites.chunks import JOINTS, KINDS, RATE, targets
+from trajopt.benchmark.suites.chunks import (
+    ACCELERATION,
+    JOINTS,
+    KINDS,
+    RATE,
+    VELOCITY,
+    targets,
+)
 from trajopt.chunks import TOLERANCE, Chunk, ChunkAnswer, answers, from_samples, take_over
 from trajopt.core.arrays import Array
 from trajopt.judging.verification import certified
 from trajopt.planners.registry import load
 
-VELOCITY, ACCELERATION, JERK = 2.0, 10.0, 200.0
+JERK = 200.0
 BATCH = 25
 FILTER = 0.5  # share of the way to the target that the filter takes in a step
 MOST_STEPS = 2000

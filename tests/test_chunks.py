@@ -157,3 +157,18 @@ def test_a_bound_is_below_the_answer_and_near_it():
     answer = from_samples(way, ONE, rate=30).fastest()
     bound = answer.bound(seconds=5)
     assert bound <= answer.duration <= bound * (1 + 0.01)
+
+
+def test_the_suite_has_chunks_of_four_kinds_by_their_names():
+    from trajopt.benchmark.suites import catalogue
+
+    found = catalogue.problems("chunks")
+    assert len(found) == 3 * len(KINDS)
+    for own in found:
+        assert catalogue.load(own.name) == own
+    noisy, anchored = (catalogue.load(f"chunks-{kind}-0") for kind in ("noisy", "anchored"))
+    smooth = catalogue.load("chunks-smooth-0").waypoints
+    assert np.std(noisy.waypoints - smooth) == pytest.approx(np.radians(0.05), rel=0.15)
+    shifts = np.abs(anchored.waypoints - smooth)
+    assert not shifts[:25].any()
+    assert ((shifts[25:] >= 0.02) & (shifts[25:] <= 0.07)).all()

@@ -323,6 +323,7 @@ def test_the_suites_are_those_of_the_issue_and_one_per_random_family(suites):
         "mixes",
         "rivals-own",
         "arms",
+        "chunks",
         "random",
         *families_,
     ]

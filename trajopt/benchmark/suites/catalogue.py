@@ -22,6 +22,7 @@ import numpy as np
 
 from trajopt.benchmark.suites import (
     arms,
+    chunks,
     demands,
     edges,
     families,
@@ -204,6 +205,7 @@ def suites() -> dict[str, Suite]:
         mixes.SUITE,
         rivals_own.SUITE,
         arms.SUITE,
+        chunks.SUITE,
         Suite(
             "random",
             "its families by turns",
