@@ -142,6 +142,18 @@ def test_new_targets_take_over_from_a_motion_that_runs():
     assert answer.motion(answer.motion.duration) == pytest.approx(ahead[-1], abs=1e-9)
 
 
+def test_under_jerk_limits_the_spline_takes_over_with_its_acceleration():
+    limits = Limits(velocity=[V] * 3, acceleration=[A] * 3, jerk=[200.0] * 3)
+    rows = targets("smooth", 0, 16, 3)
+    slow = from_samples(rows, limits, times=np.arange(16) / 8)
+    running = slow.spline.motion(slow.problem)
+    at = 0.4 * running.duration
+    answer = take_over(running, at, rows[8:], limits, rate=8)
+    assert answer.trial.planner == "spline"
+    for order in (0, 1, 2):
+        assert answer.motion(0.0, order) == pytest.approx(running(at, order), abs=1e-6)
+
+
 def test_after_its_end_a_motion_that_runs_is_at_rest():
     chunk = small("smooth")
     running = chunk.fastest().motion
