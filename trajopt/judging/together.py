@@ -5,7 +5,8 @@
 Certificates are those of `verify`, to the bit: a row of the table takes the very operations that it
 takes alone. Sums along a motion and the choice of the worst value are made motion by motion, in the
 order of `verify`. Whatever is unusual is left to `verify`: demands, limits of segments or of other
-kinds, a waypoint between breaks, a miss that is a flaw or has to be repaired.
+kinds, pieces of a high degree, a waypoint between breaks, a miss that is a flaw or has to be
+repaired.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ from trajopt.judging.verification import (
 
 FEWEST = 4  # motions that are a table: fewer are faster alone
 MAX_CELLS = 50_000  # pieces times joints of a table: a few MB
-MAX_DEGREE = 6  # of pieces: NumPy adds eight numbers in another order than fewer
+# Of pieces: rounding of a higher degree has to be repaired as a rule. (From degree 7 on NumPy would
+# add a lone polynomial's coefficients in another order than those of many.)
+MAX_DEGREE = 3
 
 
 def verify_many(
@@ -132,11 +135,14 @@ class _Table:
     def certificates(self) -> dict[int, Certificate]:
         """Return the certificates by motion, but of those that are to be judged alone."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            is_whole = self._needs_no_repair()
+            if not is_whole.any():
+                return {}
             allowed = self._allowed()
             errors = self._misses(), *self._jumps, polynomials.evaluation_rounding(self._units[0])
             repaired = self._rebased()
             is_finite = np.asarray(np.isfinite(repaired).all(axis=(0, 2)))
-            is_whole = self._needs_no_repair() & self._pieces.all(is_finite)
+            is_whole &= self._pieces.all(is_finite)
             uses = {key: self._worst(key) for key in self._problems[0].limits.kinds}
             found = {}
             for row in np.flatnonzero(is_whole).tolist():
