@@ -57,7 +57,7 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # number = 2                                              # from 1
 # velocity = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5]               # rad/s; or acceleration, jerk
 
-# What the tool carries, for torques.
+# # What the tool carries, for torques.
 # [payload]
 # mass = 3                                                # kg
 """
