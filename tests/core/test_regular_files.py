@@ -18,6 +18,8 @@ COMMANDS = [
     ("judge", "x.yaml", "one-joint"),
     ("verify", "x.csv", "--limits", "one-joint"),
     ("verify", "x.h5"),
+    ("verify", "x.parquet", "--robot", "ur5e"),
+    *(("chunk", f"x.{ending}", "--robot", "ur5e") for ending in ("csv", "npz", "hdf5")),
     ("report", "x.h5"),
     ("export", "x.h5", "--to", "csv"),
     ("plan", "x.npy", "--robot", "ur5e"),

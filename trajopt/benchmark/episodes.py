@@ -54,7 +54,7 @@ def is_recorded(path: Path) -> bool:
     import h5py  # late: reading other files needs none of it
 
     try:
-        with h5py.File(path) as file:
+        with files.opened(path) as opened, h5py.File(opened, "r") as file:
             return "action" in file or "data" in file
     except OSError:
         return False
