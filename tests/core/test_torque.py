@@ -243,7 +243,8 @@ def test_a_file_states_torques_and_a_payload(tmp_path):
     ("changes", "key", "right"),
     [
         ({"true": "[1, 2]"}, "limits.torque", "6 numbers, N m, one per joint"),
-        ({"true": "[0, 9, 9, 9, 9, 9]"}, "limits.torque.torque", "a positive number"),
+        ({"true": "[0, 9, 9, 9, 9, 9]"}, "limits.torque", "a positive number"),
+        ({"true": "[-5, 9, 9, 9, 9, 9]"}, "limits.torque", "a positive number"),
         ({"true": '"much"'}, "limits.torque", "a share as in '60 %'"),
         ({"true": '"10 %"'}, "limits.torque", "holds the arm at rest at waypoint"),
         ({'"ur5e"': '"abb-irb-120"'}, "limits.torque", "an arm whose masses are known"),

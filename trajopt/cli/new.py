@@ -55,7 +55,7 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # # Slower through one section: what a segment says counts in place of [limits], there.
 # [[limits.segment]]
 # number = 2                                              # from 1
-# velocity = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5]               # rad/s; or acceleration, jerk
+# velocity = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5]               # rad/s; or most other kinds
 
 # # What the tool carries, for torques.
 # [payload]

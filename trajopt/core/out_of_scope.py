@@ -81,8 +81,8 @@ _ELSEWHERE = {
         r"\w*(limits?_per|per_(segment|section|gridpoint))\w*"
     ): (
         "limits of one segment have a place of their own in this tool; the nearest are "
-        "tables [[limits.segment]] of a problem file, each with number (from 1) and velocity, "
-        "acceleration or jerk"
+        "tables [[limits.segment]] of a problem file, each with number (from 1) and limits, "
+        "as velocity = [...]"
     ),
     (r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override"): _SPEED,
     r"(way_?point_)?times|time_?(points|stamps|from_start)|((section|segment)_)?durations|knots": (

@@ -16,7 +16,7 @@
     deceleration = [6.0, inf]
     position = [[-2.75, 2.75], [-inf, inf]]
 
-    [[limits.segment]]                   # optional: one segment's own velocity, acceleration, jerk
+    [[limits.segment]]                   # optional: a segment's own limits, of most kinds
     number = 1                           # from 1: between the first waypoint and the second
     velocity = [0.5, 0.6]                # in place of [limits], also where it is larger
 
@@ -188,7 +188,7 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     if written.joints != len(kinds):
         right = f"{len(kinds)} values, one per joint of the waypoints"
         raise InvalidInput("limits.velocity", right, value=written.joints)
-    own_pairs = segment_tables.read(of_segments, len(waypoints) - 1, len(kinds))
+    of_each = segment_tables.read(of_segments, len(waypoints) - 1, len(kinds))
     size = {}
     for key, own in units.items():
         sizes = [UNITS[unit] for unit in own]
@@ -197,13 +197,9 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
     kept = {key: own for key, own in of_robot.items() if key not in given}
     demands = {key: own * _unit_size(DEMANDS[key], size) for key, own in demands.items()}
     limits = Limits(**{**scaled, **kept})
-    if own_pairs:
-        of_joint = size["limits"][:, None]
-        rows = {
-            name: {segment: of_joint * pairs for segment, pairs in own.items()}
-            for name, own in own_pairs.items()
-        }
-        limits = segment_tables.with_segments(limits, rows, len(waypoints) - 1)
+    for key, stated in of_each.items():
+        own_limits = {segment: own.converted(size["limits"]) for segment, own in stated.items()}
+        limits = limits.in_segments(key, own_limits, len(waypoints) - 1)
     units_known = arm is not None or list in map(type, said.values())
     problem = make(
         waypoints * size["waypoints"],

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits.limit import Interval, Limit, Use
 from trajopt.core.limits.rows import JointState, Row
@@ -33,7 +33,9 @@ class BesideResting(Limit):
         for name in ("key", "degree", "power", "is_ratio", "smooth", "forgiven", "monotone"):
             object.__setattr__(self, name, getattr(self.whole, name))
         rest = np.where(self.moving, np.nan, self.place)
-        object.__setattr__(self, "numbers", np.append(self.whole.numbers.ravel(), rest)[None])
+        rows = self.whole.numbers.reshape(self.whole.segments or 1, -1)
+        tiled = np.tile(rest, (len(rows), 1))
+        object.__setattr__(self, "numbers", np.hstack([rows, tiled]))
 
     @classmethod
     def of_numbers(cls, numbers: Array) -> Self:
@@ -50,6 +52,23 @@ class BesideResting(Limit):
     @property
     def bounds(self) -> Bools:
         return self.whole.bounds[self.moving]
+
+    @property
+    def segments(self) -> int | None:
+        return self.whole.segments
+
+    def of_segments(self, numbers: Indices) -> Self:
+        return type(self)(self.whole.of_segments(numbers), self.moving, self.place)
+
+    def in_all_segments(self, *, tightest: bool) -> Self:
+        whole = self.whole.in_all_segments(tightest=tightest)
+        return type(self)(whole, self.moving, self.place)
+
+    def at_instants(self, motion: Trajectory, smooth: Indices) -> Use | None:
+        every = np.zeros(len(self.moving), dtype=np.intp)
+        every[self.moving] = smooth
+        use = self.whole.at_instants(self._beside(motion), every)
+        return use and use._replace(joint=self._own(use.joint))
 
     def only(self, joints: Array) -> None:
         return None

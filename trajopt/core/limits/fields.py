@@ -141,9 +141,9 @@ class FieldsLimit(Limit):
         """Return the numbers of a field, `(joints,)`, or `(joints, columns)` of several."""
         begin = 0
         for field in self.fields:
-            own = self.numbers[:, begin : begin + field.columns]
+            own = self.numbers[..., begin : begin + field.columns]
             if field.name == name:
-                return own if field.columns > 1 else own[:, 0]
+                return own if field.columns > 1 else own[..., 0]
             begin += field.columns
         raise KeyError(name)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -45,6 +46,7 @@ class JointLimit(Limit):
     finite: ClassVar[bool] = False
     forgiven = True
     separate = True
+    by_segment = True
 
     numbers: Array
 
@@ -74,6 +76,19 @@ class JointLimit(Limit):
             expected = f"{joints} values, one per joint"
             raise InvalidInput(f"limits.{cls.key}", expected, value=len(limit.bounds))
         return limit
+
+    @classmethod
+    def read_segment(cls, segment: int, value: Any, joints: int) -> Self:
+        key = segment_key(cls.key, segment)
+        pairs = value_pairs(key, value)
+        if len(pairs) != joints:
+            raise InvalidInput(key, f"{joints} values, one per joint", value=len(pairs))
+        with of_one_segment(segment):
+            return cls(pairs)
+
+    @classmethod
+    def of_each(cls, each: Sequence[Self | None]) -> Self:
+        return cls(np.array([own.pairs for own in each if own is not None]))
 
     def table(self) -> Any:
         """Return the limit as `read` takes it; where segments differ, that of most segments."""
@@ -151,18 +166,11 @@ class JointLimit(Limit):
             motion = motion.refined(motion.waypoint_times)
         return peaks.peak(motion, self.order, self._along(motion), peaks.ratio)
 
-    def at_instants(self, motion: Trajectory, joints: Bools) -> Use | None:
-        """Return the worst use in segments that take no time; None where all take some.
-
-        Args:
-            motion: Of all joints.
-            joints: Which joints count, `(joints,)`: those whose derivative does not jump.
-        """
+    def at_instants(self, motion: Trajectory, smooth: Indices) -> Use | None:
+        joints = smooth >= self.order
         if self.segments is None or not joints.any():
             return None
-        own = motion.refined(motion.waypoint_times)
-        taking = own.segments_at((own.breaks[:-1] + own.breaks[1:]) / 2)
-        (brief,) = np.nonzero(~np.isin(np.arange(self.segments), taking))
+        brief = brief_segments(motion, self.segments)
         if not len(brief):
             return None
         times = motion.waypoint_times[brief]
@@ -230,14 +238,7 @@ class JointLimit(Limit):
         if not self.bounds[joint]:
             return "–"
         every = [_span(pair) for pair in self.pairs[..., joint, :].reshape(-1, 2).tolist()]
-        unit = problem.unit(joint, self.order)
-        if len(set(every)) == 1:
-            return f"{every[0]} {unit}"
-        parts = []
-        for span in dict.fromkeys(every):
-            own = np.flatnonzero([other == span for other in every])
-            parts.append(f"{span} ({_numbers(own)})")
-        return f"{', '.join(parts)} {unit}"
+        return f"{by_segment(every)} {problem.unit(joint, self.order)}"
 
     @property
     def _zero(self) -> Array:
@@ -309,6 +310,7 @@ class Position(JointLimit):
     """Position limits, rad. A dilation does not change an excess over them."""
 
     key = "position"
+    by_segment = False
     order = 0
     degree = None
     is_ratio = False
@@ -368,6 +370,16 @@ def _is_by_segment(value: Any) -> bool:
     )
 
 
+@contextmanager
+def of_one_segment(segment: int) -> Iterator[None]:
+    """Name the segment (from 0) in errors, behind their keys."""
+    try:
+        yield
+    except InvalidInput as error:
+        key = segment_key(error.key.removeprefix("limits."), segment)
+        raise InvalidInput(key, error.expected, value=error.value, joint=error.joint) from None
+
+
 def segment_key(key: str, segment: int | None = None) -> str:
     """Return the place of a value, for errors: the limit's key and the segment, from 1."""
     return f"limits.{key}" if segment is None else f"limits.{key}, segment {segment + 1}"
@@ -398,6 +410,22 @@ def _span(pair: Sequence[float]) -> str:
     low, high = pair
     ends = [f"{end:.6g}" if np.isfinite(end) else "–" for end in pair]
     return f"± {ends[1]}" if low == -high else " … ".join(ends)
+
+
+def by_segment(spans: Sequence[str]) -> str:
+    """Return what each segment has, in words: "± 2 (segments 1, 3), ± 1 (segment 2)"."""
+    kinds = dict.fromkeys(spans)
+    if len(kinds) == 1:
+        return spans[0]
+    numbers = {span: np.flatnonzero([other == span for other in spans]) for span in kinds}
+    return ", ".join(f"{span} ({_numbers(own)})" for span, own in numbers.items())
+
+
+def brief_segments(motion: Trajectory, segments: int) -> Indices:
+    """Return the segments in which a motion spends no time, by index."""
+    own = motion.refined(motion.waypoint_times)
+    taking = own.segments_at((own.breaks[:-1] + own.breaks[1:]) / 2)
+    return np.flatnonzero(~np.isin(np.arange(segments), taking))
 
 
 def _numbers(segments: Indices) -> str:

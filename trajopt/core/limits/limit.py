@@ -8,7 +8,7 @@ robot are in `joint_limit`. A new kind is one subclass in one file. Its `key` re
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -66,6 +66,7 @@ class Limit(ABC):
             dilates or reports its answer. With any other kind such a planner refuses the problem.
         separate: whether it limits each joint by itself, whatever the others do. Then it can be
             stated in other units of length, joint by joint (`in_units`).
+        by_segment: whether a segment may have its own (`[[limits.segment]]`).
         of_chain: whether `true` in a file means the limit that an arm's drives have (`for_chain`).
         monotone: whether a motion that keeps it, slowed down, keeps it.
         flag: what its option on the command line means, which takes one number; empty where it has
@@ -81,6 +82,7 @@ class Limit(ABC):
     smooth: ClassVar[int] = 0
     forgiven: ClassVar[bool] = False
     separate: ClassVar[bool] = False
+    by_segment: ClassVar[bool] = False
     of_chain: ClassVar[bool] = False
     monotone: ClassVar[bool] = True
     flag: ClassVar[str] = ""
@@ -126,6 +128,20 @@ class Limit(ABC):
     def segments(self) -> int | None:
         """Return the number of segments it has numbers for; None if all have the same limit."""
         return None
+
+    @classmethod
+    def read_segment(cls, segment: int, value: Any, joints: int) -> Self:
+        """Return the limit of one segment (from 0), as its table states it.
+
+        Raises:
+            InvalidInput: Names the key, the segment, the joint, the value, and what would be right.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def of_each(cls, each: Sequence[Self | None]) -> Self:
+        """Return the limit that is one of these in each segment; None where none was stated."""
+        raise NotImplementedError
 
     def of_segment(self, segment: int) -> Any:
         """Return the table of one segment (from 0) in a problem file; None if it needs none."""
@@ -213,6 +229,15 @@ class Limit(ABC):
     @abstractmethod
     def worst(self, motion: Trajectory) -> Use:
         """Return the exact worst use, rounded upwards."""
+
+    def at_instants(self, motion: Trajectory, smooth: Indices) -> Use | None:
+        """Return the worst use in segments that take no time; None where none counts.
+
+        Args:
+            motion: a motion.
+            smooth: the highest derivative of each joint that does not jump, `(joints,)`.
+        """
+        return None
 
     def dilation(self, use: Use, motion: Trajectory) -> float:
         """Return the least dilation that brings a motion within the limit, infinite if none does.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits.beside_resting import BesideResting
-from trajopt.core.limits.joint_limit import UNLIMITED, JointLimit, Velocity, pairs_of
+from trajopt.core.limits.joint_limit import UNLIMITED, Velocity, pairs_of
 from trajopt.core.limits.limit import KINDS, Limit, Use, named
 from trajopt.core.trajectory import Trajectory
 
@@ -33,9 +34,10 @@ class Limits:
 
     The first four are `(joints, 2)` arrays of `[low, high]`. Each is given as one number per joint
     (symmetric: `[-x, x]`), or a `[low, high]` pair, or a mixture. Velocity, acceleration and jerk
-    may be `(segments, joints, 2)`: each segment its own, between two waypoints. Units: rad/s,
-    rad/s², rad/s³, rad (metres for a prismatic joint). Velocity and acceleration are finite; `jerk`
-    and `position` default to none (infinite), and may be infinite for some joints only.
+    may be `(segments, joints, 2)`: each segment its own, between two waypoints (other kinds by
+    `in_segments`). Units: rad/s, rad/s², rad/s³, rad (metres for a prismatic joint). Velocity and
+    acceleration are finite; `jerk` and `position` default to none (infinite), and may be infinite
+    for some joints only.
 
     `others` has limits of other kinds by their keys (`trajopt.core.limits.KINDS`); they may also be
     given by name, as objects or as a problem file has them.
@@ -121,9 +123,29 @@ class Limits:
         found = np.zeros((self.segments or 2) - 1, dtype=bool)
         for own in self._held.values():
             if own.segments is not None:
-                pairs = own.numbers
-                found |= (pairs[1:] != pairs[:-1]).any(axis=(1, 2))
+                rows = own.numbers.reshape(own.segments, -1)
+                found |= [
+                    not np.array_equal(*both, equal_nan=True) for both in itertools.pairwise(rows)
+                ]
         return found
+
+    def in_segments(self, key: str, stated: Mapping[int, Limit], segments: int) -> Limits:
+        """Return the limits, where some segments have their own of one kind.
+
+        Args:
+            key: The kind's.
+            stated: The limits of these segments, by index.
+            segments: The number of all segments.
+
+        Raises:
+            InvalidInput: Each segment has its own already.
+        """
+        usual = self._held.get(key)
+        if usual is not None and usual.segments is not None:
+            right = "the same in all segments, beside [[limits.segment]]"
+            raise InvalidInput(f"limits.{key}", right, value=f"{usual.segments} segments")
+        each = [stated.get(segment, usual) for segment in range(segments)]
+        return self.with_limit(named(key).of_each(each))
 
     def of_segments(self, numbers: Indices) -> Limits:
         """Return the limits of some segments, by index."""
@@ -160,10 +182,7 @@ class Limits:
         and acceleration of joints with a jerk limit.
         """
         own = self.kinds[key]
-        found = own.worst(motion)
-        if not isinstance(own, JointLimit):
-            return found
-        passed = own.at_instants(motion, self.smooth >= own.order)
+        found, passed = own.worst(motion), own.at_instants(motion, self.smooth)
         return max(found, passed or found, key=lambda use: use.value)
 
     @property

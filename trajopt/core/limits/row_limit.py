@@ -223,6 +223,8 @@ class RowLimit(FieldsLimit):
 
     def active(self, motion: Trajectory, share: float) -> Iterator[Interval]:
         """Yield where the use is above a share, with exact ends, but none between two samples."""
+        if self.segments is not None:
+            motion = motion.refined(motion.waypoint_times)
         grid = np.linspace(motion.breaks[:-1], motion.breaks[1:], _SAMPLES)
         times = np.unique(grid)
         for joint, use in self.uses(motion, times).items():

@@ -16,6 +16,7 @@ from trajopt.core.chain import UNKNOWN_MASSES, LinkChain
 from trajopt.core.dynamics import Dynamics
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits.fields import Quantity
+from trajopt.core.limits.joint_limit import by_segment
 from trajopt.core.limits.limit import Limit, Use, where
 from trajopt.core.limits.link_frames import FRAMES, FramesLimit, frame_columns
 from trajopt.core.limits.rows import JointState, Row, sign
@@ -67,16 +68,16 @@ class Torque(FramesLimit):
 
     def __post_init__(self) -> None:
         numbers = np.array(self.numbers)
-        numbers[numbers[:, 0] == np.inf, 0] = np.nan  # stores have one sign of no limit
+        numbers[..., 0][numbers[..., 0] == np.inf] = np.nan  # stores have one sign of no limit
         object.__setattr__(self, "numbers", numbers)
         super().__post_init__()
         torque = self.column("torque")
-        if self._share is None:
-            self.refuse("torque", "a positive number, or inf", ~(np.isnan(torque) | (torque > 0)))
         if self.is_complete:
+            wrong = ~(np.isnan(torque) | (torque > 0)).reshape(-1, len(self.bounds))
+            self.refuse("torque", "a positive number, or inf", np.asarray(wrong.any(axis=0)))
             for key in ("damping", "friction"):
                 self.refuse(key, "0 or more", self.column(key) < 0)
-            for joint in range(len(self.numbers)):
+            for joint in range(len(self.bounds)):
                 self._body(joint)
 
     def _body(self, joint: int) -> Array:
@@ -88,13 +89,17 @@ class Torque(FramesLimit):
             raise InvalidInput(key, error.expected, value=error.value, joint=joint) from None
 
     @classmethod
-    def read(cls, value: Any, joints: int) -> Self:
+    def is_of_each(cls, value: Any) -> bool:
+        return super().is_of_each(value) and all(map(is_list, value))
+
+    @classmethod
+    def read_one(cls, value: Any, joints: int) -> Self:
         """Return the limit of a number per joint, a share of what a maker states, or a table.
 
         `inf` is no limit.
         """
         if isinstance(value, Mapping):
-            return super().read(value, joints)
+            return super().read_one(value, joints)
         columns = sum(field.columns for field in cls.fields)
         numbers = np.full((joints, columns), np.nan)
         share = _share(value)
@@ -108,7 +113,7 @@ class Torque(FramesLimit):
         if not is_list(value) or len(value) != joints:
             raise InvalidInput(f"limits.{cls.key}", right, value=value)
         for joint, item in enumerate(value):
-            if not (is_number(item) or item == np.inf):
+            if not ((is_number(item) and item > 0) or item == np.inf):
                 right = "a positive number, N m, or inf"
                 raise InvalidInput(f"limits.{cls.key}", right, value=item, joint=joint)
         numbers[:, 0] = value
@@ -119,10 +124,15 @@ class Torque(FramesLimit):
         """Return whether no joint has a finite torque, for every joint."""
         return np.full(len(numbers), not np.isfinite(numbers[:, 0]).any())
 
+    def stated(self, column: Array) -> Any:
+        if column[0] < 0:
+            return f"{-100 * column[0]:.12g} %"
+        return np.nan_to_num(column, nan=np.inf).tolist()
+
     def table(self) -> Any:
-        if self._share is not None:
-            return f"{100 * self._share:.12g} %"
-        torque = np.where(self.bounds, self.column("torque"), np.inf).tolist()
+        if self.segments is not None:
+            return self.usual.table()
+        torque = self.stated(self.column("torque"))
         if not self.is_complete:
             return torque
         begin, found = 0, {}
@@ -130,21 +140,6 @@ class Torque(FramesLimit):
             found[field.name] = field.written(self.numbers[:, begin : begin + field.columns])
             begin += field.columns
         return {**found, "torque": torque}
-
-    @property
-    def bounds(self) -> Bools:
-        return np.isfinite(self.column("torque"))
-
-    @property
-    def _share(self) -> float | None:
-        """The share of the arm's own torques that is asked for; None where numbers are stated."""
-        first = float(self.numbers[0, 0])
-        return -first if first < 0 and np.isnan(self.numbers[:, 1:]).all() else None
-
-    def widened(self, joint: int | None, by: float, segment: int | None = None) -> Self:
-        numbers = self.numbers.copy()
-        numbers[slice(None) if joint is None else joint, 0] *= 1 + by
-        return type(self)(numbers)
 
     def for_chain(self, chain: LinkChain | None) -> Limit:
         """Return the limit with an arm's masses, if it has none yet.
@@ -155,25 +150,26 @@ class Torque(FramesLimit):
         """
         if self.is_complete or not self.bounds.any():
             return self
-        key, joints = f"limits.{self.key}", len(self.numbers)
+        key, joints = f"limits.{self.key}", len(self.bounds)
         if chain is None or chain.joints != joints:
             raise InvalidInput(key, UNKNOWN_MASSES, value=self.table())
         masses = chain.known_masses(key, self.table())
         torque = self.column("torque")
-        if self._share is not None:
-            torque = self._share * masses.effort
-            for joint in np.flatnonzero(~(torque > 0)).tolist():
-                right = "a number per joint, N m: the arm's own is not known"
-                raise InvalidInput(key, right, value=self.table(), joint=joint)
+        shared = torque < 0  # a share of the arm's own
+        for *_, joint in np.argwhere(shared & ~(masses.effort > 0)).tolist():
+            right = "a number per joint, N m: the arm's own is not known"
+            raise InvalidInput(key, right, value=self.table(), joint=joint)
+        numbers = self.numbers.copy()
+        numbers[..., 0] = np.where(shared, -torque * masses.effort, torque)
         columns = [
-            torque,
             frame_columns(chain),
             np.array([described(own) for own in masses.bodies]),
             masses.damping,
             masses.friction,
             np.tile(masses.gravity, (joints, 1)),
         ]
-        return type(self)(np.column_stack(columns))
+        numbers[..., 1:] = np.column_stack(columns)
+        return type(self)(numbers)
 
     @cached_property
     def dynamics(self) -> Dynamics:
@@ -182,7 +178,7 @@ class Torque(FramesLimit):
             self.origins,
             self.column("axes"),
             self.column("slides") != 0,
-            np.array([self._body(joint) for joint in range(len(self.numbers))]),
+            np.array([self._body(joint) for joint in range(len(self.bounds))]),
             self.column("damping"),
             self.column("gravity")[0],
         )
@@ -196,13 +192,14 @@ class Torque(FramesLimit):
         return self._rows_with(at, lambda velocity, side: side)
 
     def _rows_with(self, at: JointState, direction: Callable[[Any, float], Any]) -> Iterator[Row]:
-        torque, friction = self.column("torque").tolist(), self.column("friction").tolist()
+        friction = self.column("friction").tolist()
         for joint, force in enumerate(self.dynamics.forces(at.q, at.v, at.a)):
-            if not np.isfinite(torque[joint]):
+            if not self.bounds[joint]:
                 continue
+            torque, wider = self.within(joint, at.segments)
             for side in (1.0, -1.0) if friction[joint] else (0.0,):
                 rubbing = friction[joint] * direction(at.v[joint], side) if side else 0.0
-                yield Row((force + rubbing) / torque[joint], -1.0, 1.0, joint=joint)
+                yield Row((force + rubbing) / torque, -wider, wider, joint=joint)
 
     def held(self, place: Array) -> Array:
         """Return the torque of each drive at rest, N m, `(joints,)`."""
@@ -214,15 +211,18 @@ class Torque(FramesLimit):
 
         It names the joint, the waypoint, and the torque that gravity asks for there.
         """
+        limits = np.nan_to_num(self.column("torque"), nan=np.inf)
+        limits = np.broadcast_to(limits, (problem.segments, problem.joints))
         for waypoint in problem.route.rests.tolist():
+            allowed = limits[max(waypoint - 1, 0) : waypoint + 1].max(axis=0).tolist()
             for joint, torque in enumerate(self.held(problem.waypoints[waypoint]).tolist()):
-                if abs(torque) > float(self.column("torque")[joint]):
+                if abs(torque) > allowed[joint]:
                     label = problem.joint_labels[joint]
                     right = (
                         f"at least {abs(torque):.6g} {self._unit(joint)}, by which {label} holds "
                         f"the arm at rest at waypoint {waypoint + 1}"
                     )
-                    value = float(self.column("torque")[joint])
+                    value = allowed[joint]
                     return InvalidInput(f"limits.{self.key}", right, value=value, joint=joint)
         return None
 
@@ -238,14 +238,17 @@ class Torque(FramesLimit):
     def of_joint(self, joint: int, problem: Problem) -> str:
         if not self.bounds[joint]:
             return "–"
-        return f"{self.column('torque')[joint]:.6g} {self._unit(joint)}"
+        each = self.column("torque")[..., joint].ravel().tolist()
+        unit = self._unit(joint)
+        return by_segment(["–" if np.isnan(own) else f"{own:.6g} {unit}" for own in each])
 
     def hopeless(self, use: Use, motion: Trajectory, problem: Problem) -> str:
         at = self.worst(motion.dilated(_SLOWEST))
         assert at.joint is not None
         time = at.time / _SLOWEST
         holds = abs(float(self.held(motion(time))[at.joint]))
-        limit = float(self.column("torque")[at.joint])
+        least, wider = self.within(at.joint, motion.segments_at(time))
+        limit = float(least * wider)
         place = where(at._replace(time=time), problem)
         unit = self._unit(at.joint)
         return f"{place}: holds {holds:.6g} {unit} against gravity, its limit is {limit:.6g} {unit}"
