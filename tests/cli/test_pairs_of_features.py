@@ -93,7 +93,10 @@ def test_a_figure_has_the_limits_that_count(tmp_path, kinds, demand):
 KEPT = ("none", "tolerance", "least_times", "least_duration", "duration")
 
 
-@pytest.mark.parametrize(("kinds", "demand"), CASES)
+@pytest.mark.parametrize(
+    ("kinds", "demand"),
+    [pytest.param(*own, marks=[pytest.mark.long] * bool(i % 4)) for i, own in enumerate(CASES)],
+)
 def test_a_slow_motion_of_every_pair_is_judged(tmp_path, kinds, demand):
     path = tmp_path / "p.toml"
     path.write_text(problem(kinds, demand))
