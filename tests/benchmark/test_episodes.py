@@ -113,6 +113,66 @@ def test_joint_states_and_trajectories_of_a_bag(tmp_path):
     assert found.samples.times[1] == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize(
+    "info",
+    [
+        *([], {"features": []}, {"features": {"action": None}}, {"fps": {}}),
+        *({"features": {"action": {"names": own}}} for own in (5, {"motors": 3}, {}, [])),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::trajopt.core.exceptions.FileNote")
+def test_what_a_data_set_does_not_say_is_not_needed(tmp_path, info):
+    file = lerobot(tmp_path, 1)
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    (found,) = episodes.read(file)
+    assert found.samples.positions == pytest.approx(ROWS, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("held", "key"),
+    [
+        ({}, "/action"),
+        ({"action": ROWS[:, 0], "observations/qpos": ROWS}, "/action"),
+        ({"action": 3.0, "observations/qpos": ROWS}, "/action"),
+        ({"action": ["a"] * 12, "observations/qpos": ROWS}, "/action"),
+        ({"action/left": ROWS}, "/action"),
+        ({"action": ROWS}, "/observations/qpos"),
+        ({"data": ROWS}, "/action"),
+        ({"data/demo_0/actions": ROWS}, "/data/demo_0/obs/robot0_joint_pos"),
+        ({"data/none": None}, "episodes"),
+    ],
+)
+def test_what_an_hdf5_file_lacks_is_named(tmp_path, held, key):
+    path = tmp_path / "e.hdf5"
+    with h5py.File(path, "w") as file:
+        for name, value in held.items():
+            if value is None:
+                file.create_group(name.partition("/")[0])
+            else:
+                file[name] = value
+    with pytest.raises(InvalidInput, match=f"e.hdf5: {key}: expected"):
+        episodes.read(path)
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ({"action": [[1.0, 2.0], [1.0]]}, "column action: expected a list of numbers in each row"),
+        ({"action": [None, [1.0, 2.0]]}, "column action: expected a list of numbers in each row"),
+        (
+            {"action": [[1.0], [2.0]], "episode_index": [0, None]},
+            "episode_index, row 2: expected the number of an episode",
+        ),
+    ],
+)
+def test_what_is_missing_in_a_cell_is_named(tmp_path, cells, said):
+    pa = pytest.importorskip("pyarrow")
+    path = tmp_path / "e.parquet"
+    pytest.importorskip("pyarrow.parquet").write_table(pa.table(cells), path)
+    with pytest.raises(InvalidInput, match=said):
+        episodes.read(path)
+
+
 @pytest.mark.parametrize("name", ["e.parquet", "e.hdf5"])
 def test_a_damaged_file_is_named(tmp_path, name):
     if name.endswith("parquet"):

@@ -108,6 +108,12 @@ def test_verify_shows_a_line_for_each_episode(run, tmp_path):
     code, out, err = run("verify episode_0.hdf5 --robot aloha --rate 50")
     assert "broken" in out
     assert code == 1
+    (tmp_path / "damaged.hdf5").write_bytes(b"no file")
+    code, out, _ = run("verify damaged.hdf5 episode_0.hdf5 --robot aloha --rate 50 --json")
+    first, second = json.loads(out)["episodes"]
+    assert code == 2
+    assert "damaged.hdf5: episodes cannot be read" in first["error"]
+    assert second["steps"] == told["steps"]
 
 
 def test_a_file_for_a_controller_passes_the_targets_within_the_tolerance(run):

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.core import files
-from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.units import ANGLES, asked
 from trajopt.formats import arrays, csv_file, samples_csv
 from trajopt.formats.csv_file import Table
@@ -72,7 +72,7 @@ class Episode:
 
     name: str
     samples: Samples | None
-    error: InvalidInput | None = None
+    error: TrajoptError | None = None
 
 
 def read(
@@ -114,6 +114,8 @@ def _read(
     wanted = asked(unit)
     try:
         whole = list(_tables(path, rate))
+        if not whole:
+            raise InvalidInput("episodes", "one at least; the file has none")
         every = [own for name, table in whole for own in _told_apart(name, table)]
         if size is not None:
             every = [own for name, table in every for own in _of_size(name, table, size)]
@@ -312,9 +314,15 @@ def _parquet(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
                 field.name for field in whole.schema_arrow if _is_numbers(pyarrow, field.type)
             ]
             columns = whole.read(columns=wanted)
-        held = {name: _rows_of(columns[name]) for name in wanted}
     except (pyarrow.ArrowException, OSError, ValueError) as error:
         raise files.unreadable(path, "episodes", "Parquet", error) from None
+    held = {}
+    for name in wanted:
+        try:
+            held[name] = _rows_of(columns[name])
+        except (TypeError, ValueError):
+            right = "a list of numbers in each row, all of one length"
+            raise InvalidInput(f"column {name}", right) from None
     info = _info(path)
     chunked = [name for name, own in held.items() if own.ndim == 3]
     if chunked:
@@ -322,7 +330,10 @@ def _parquet(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
             yield "", {**info, **{name: held[name][number] for name in chunked}}
         return
     index = held.pop("episode_index", None)
-    numbers = [] if index is None else np.unique(index).tolist()
+    if index is not None and not np.isfinite(index).all():
+        row = int(np.flatnonzero(~np.isfinite(index))[0]) + 1
+        raise InvalidInput(f"episode_index, row {row}", "the number of an episode")
+    numbers = [] if index is None else np.unique(index).astype(int).tolist()
     for number in numbers or [None]:
         some = slice(None) if number is None else index == number
         name = f"episode-{number}" if len(numbers) > 1 else ""
@@ -338,11 +349,15 @@ def _is_numbers(pyarrow: Any, kind: Any) -> bool:
 
 
 def _rows_of(column: Any) -> NDArray[Any]:
-    """Return a column as an array, a row for each row; raises `ValueError` for uneven lists."""
-    found = column.to_numpy()
-    while found.dtype == object:
-        found = np.stack([np.stack([*own]) if own.dtype == object else own for own in found])
-    return np.asarray(found)
+    """Return a column as an array, a row for each row.
+
+    Raises:
+        TypeError, ValueError: Lists are of several lengths, or one is missing.
+    """
+    found = column.to_pylist()
+    if any(isinstance(own, list) for own in found):
+        return np.array(found, dtype=float)
+    return np.asarray(column.to_numpy())
 
 
 def _info(path: Path) -> dict[str, Any]:
@@ -352,13 +367,22 @@ def _info(path: Path) -> dict[str, Any]:
         if not file.is_file():
             continue
         found = files.json(file, "info")
-        action = found.get("features", {}).get("action", {})
-        names = action.get("names") or []
+        names = _under(found, "features", "action", "names")
         if isinstance(names, Mapping):  # {"motors": [...]}
-            names = next(iter(names.values()), [])
-        rate = {"fps": found["fps"]} if found.get("fps") else {}
-        return {"joint_names": [str(own).removesuffix(".pos") for own in names], **rate}
+            names = next(iter(names.values()), None)
+        told: dict[str, Any] = {}
+        if isinstance(names, list) and names:
+            told["joint_names"] = [str(own).removesuffix(".pos") for own in names]
+        rate = _under(found, "fps")
+        return told | ({} if rate is None else {"fps": rate})
     return {}
+
+
+def _under(table: Any, *keys: str) -> Any:
+    """Return what a table has under keys, one within the other; None where it has not."""
+    for key in keys:
+        table = table.get(key) if isinstance(table, Mapping) else None
+    return table
 
 
 _ALOHA = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
@@ -368,25 +392,42 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield the arrays of ALOHA's episode, or of each of robomimic's demonstrations."""
     import h5py  # late: reading other files needs none of it
 
+    held: list[tuple[str, dict[str, Any]]] = []
+    own: dict[str, Any]
     try:
         with files.opened(path) as opened, h5py.File(opened, "r") as file:
             demos = file.get("data")
             if isinstance(demos, h5py.Group):
                 env = json.loads(demos.attrs.get("env_args", "{}"))
-                rate = env.get("env_kwargs", {}).get("control_freq")
+                rate = _under(env, "env_kwargs", "control_freq")
                 for name in sorted(demos, key=lambda own: (len(own), own)):
-                    held = {"q": demos[name]["obs/robot0_joint_pos"][()]}
-                    yield name, held | ({"fps": rate} if rate else {})
-                return
-            held = {
-                "action": file["action"][()],
-                "observation.state": file["observations/qpos"][()],
-            }
-    except (KeyError, OSError, ValueError) as error:
+                    own = {"q": _positions(demos, f"{name}/obs/robot0_joint_pos")}
+                    held.append((name, own | ({} if rate is None else {"fps": rate})))
+            else:
+                action = _positions(file, "action")
+                own = {"action": action, "observation.state": _positions(file, "observations/qpos")}
+                if action.shape[1] == 2 * len(_ALOHA):
+                    sides = [f"{side}_{key}" for side in ("left", "right") for key in _ALOHA]
+                    own["joint_names"] = sides
+                held.append(("", own))
+    except InvalidInput:
+        raise
+    except (OSError, ValueError) as error:
         raise files.unreadable(path, "episodes", "HDF5", error) from None
-    if held["action"].shape[1] == 2 * len(_ALOHA):
-        held["joint_names"] = [f"{side}_{own}" for side in ("left", "right") for own in _ALOHA]
-    yield "", held
+    yield from held
+
+
+def _positions(group: Any, key: str) -> NDArray[Any]:
+    """Return a table of positions of an HDF5 file.
+
+    Raises:
+        InvalidInput: There is none under this key.
+    """
+    found = group.get(key)
+    if getattr(found, "ndim", 0) != 2 or found.dtype.kind not in "iuf":
+        right = "an array of positions, (samples, joints), as ALOHA and robomimic keep it"
+        raise InvalidInput(f"{group.name.rstrip('/')}/{key}", right)
+    return np.asarray(found[()])
 
 
 def _mcap(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:

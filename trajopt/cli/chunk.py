@@ -124,7 +124,7 @@ def chunk(
         running = starting.hand_over(from_, at, robot.unit)
     states = _States(running, numbers, on_to_next)
     own = asked.robot_limits(path.name, robot)
-    with kinds.reading(path, "motion"):
+    with kinds.reading(path, "targets"):
         units = {**dict.fromkeys(own.joints, ""), **own.units}
         parts = episodes.read(path, robot.unit, units, rate=rate, size=size)
     targets = [out and _file_of(out, part, len(parts)) for part in parts]

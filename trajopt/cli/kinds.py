@@ -90,6 +90,13 @@ _WANTED = {
         "expected a motion: a CSV with a column of times, a ROS message, arrays (.npz, .json), or "
         "polynomials (.json)",
     ),
+    "targets": (
+        (
+            *("a CSV of a motion", "a CSV of waypoints", "a JSON file of waypoints"),
+            *(*_ARRAYS, "an HDF5 file", "a binary file"),
+        ),
+        "expected targets, or recorded episodes: .csv, .npz, .npy, .json, .parquet, .hdf5, .mcap",
+    ),
     "--urdf": (("a URDF",), "expected a URDF behind --urdf"),
     "--limits": (("a joint_limits.yaml",), "expected a joint_limits.yaml behind --limits"),
     "limits": (
@@ -153,7 +160,7 @@ def reading(path: Path | str, wanted: str) -> Iterator[None]:
     Args:
         path: The file; a name that is no file's is left to its reader.
         wanted: "problem" or, with a robot's flags, "waypoints"; "stated problem" where no flags
-            are taken; "motion", "--urdf", "--limits", "limits" (by name too) or "results".
+            are taken; "motion", "targets", "--urdf", "--limits", "limits" (by name too), "results".
 
     Raises:
         TrajoptError: The reader's own error for a file that looks right, else one with its kind.

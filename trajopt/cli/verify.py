@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from trajopt.benchmark import episodes
+from trajopt.benchmark.episodes import Episode
 from trajopt.benchmark.logs import AS_LOG, LogOptions
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.recheck import CheckedTrial, Verification, verification
@@ -248,10 +249,15 @@ def _verify_episodes(paths: Sequence[Path], judged: _Judged, rate: float | None,
     told: list[dict[str, Any]] = []
     codes = []
     for path in paths:
-        with kinds.reading(path, "motion"):
-            own = asked.robot_limits(path.name, judged.robot_by_name)
-            units = {**dict.fromkeys(own.joints, ""), **own.units}
-            parts = episodes.read(path, judged.robot.unit, units, rate=rate)
+        own = asked.robot_limits(path.name, judged.robot_by_name)
+        units = {**dict.fromkeys(own.joints, ""), **own.units}
+        try:
+            with kinds.reading(path, "targets"):
+                parts = episodes.read(path, judged.robot.unit, units, rate=rate)
+        except TrajoptError as error:
+            if len(paths) == 1:
+                raise
+            parts = [Episode(path.stem, None, error)]
         for part in parts:
             name = (
                 part.name
