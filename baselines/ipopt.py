@@ -7,8 +7,12 @@ order for symbols and for numbers; `unflat` is the inverse of `flat`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import signal
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,14 +61,15 @@ class Program:
             bounds: lowest and highest value of every variable.
             constraint_bounds: lowest and highest value of every constraint.
         """
-        result = self._solver(
-            x0=start,
-            p=parameters,
-            lbx=bounds[0],
-            ubx=bounds[1],
-            lbg=constraint_bounds[0],
-            ubg=constraint_bounds[1],
-        )
+        with _interruptible():
+            result = self._solver(
+                x0=start,
+                p=parameters,
+                lbx=bounds[0],
+                ubx=bounds[1],
+                lbg=constraint_bounds[0],
+                ubg=constraint_bounds[1],
+            )
         stats = self._solver.stats()
         x = np.asarray(result["x"]).ravel()
         success = bool(stats["success"]) and bool(np.isfinite(x).all())
@@ -88,6 +93,32 @@ class Program:
         found = np.zeros(jacobian.shape[0], dtype=bool)
         found[rows[nonzero & variables[columns]]] = True
         return found
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Raise `KeyboardInterrupt` after a run in which Ctrl-C was pressed.
+
+    CasADi catches it, ends the run, and returns as if IPOPT had failed; the next run would begin.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    pressed = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed
+        pressed = True
+        handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if pressed:
+        raise KeyboardInterrupt
 
 
 def program(

@@ -79,13 +79,19 @@ def test_a_spline_in_motion_keeps_its_velocity_at_the_start():
     assert trajopt.verify(chunk.problem, motion).feasible
 
 
-def test_a_limit_that_the_planner_does_not_know_times_its_path():
-    # 1 m along a line at a tool speed v and an acceleration a: 1/v + v/a; dilated it took 2 s
+@pytest.mark.parametrize(("jerk", "timeout"), [(None, None), (1e3, None), (1e3, 60.0)])
+def test_a_limit_that_the_planner_does_not_know_times_its_path(jerk, timeout):
+    # 1 m along a line at a tool speed v, an acceleration a and a jerk j: 1/v + v/a + a/j; dilated
+    # it takes 2 s
     chain = LinkChain(np.tile(np.eye(4), (2, 1, 1)), np.eye(3)[:2], np.ones(2, dtype=bool))
-    limits = Limits([10.0, 10.0], [3.0, 4.0], tool_speed=1.0)
-    line = np.linspace([0.0, 0.0], [0.6, 0.8], 20)
+    acceleration = np.array([3.0, 4.0])
+    steepest = None if jerk is None else acceleration / 5 * jerk
+    limits = Limits([10.0, 10.0], acceleration, steepest, tool_speed=1.0)
+    line = np.linspace([0.0, 0.0], [0.6, 0.8], 6)
     chunk = from_samples(line, limits, rate=30, chain=chain, tolerance=0, joint_units=["m", "m"])
-    assert chunk.fastest().duration == pytest.approx(1 / 1 + 1 / 5, rel=5e-4)
+    (answer,) = answers([chunk], timeout=timeout)
+    closed_form = 1 / 1 + 1 / 5 + (5 / jerk if jerk else 0.0)
+    assert answer.duration == pytest.approx(closed_form, rel=1e-3)
 
 
 def test_repeated_targets_are_passed():

@@ -27,6 +27,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from trajopt import retiming
 from trajopt.benchmark.trial import (
     Answers,
     Configuration,
@@ -35,6 +36,7 @@ from trajopt.benchmark.trial import (
     answered_many,
     judged,
     now,
+    verdict,
 )
 from trajopt.best_planner import Prover, best
 from trajopt.core.arrays import Array, Bools
@@ -49,7 +51,6 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import keeping, keeps, verify
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.registry import load
-from trajopt.retiming import GivenPath
 
 Mode = Literal["fastest", "at-given-times"]
 TOLERANCE = 0.005
@@ -451,7 +452,7 @@ def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:
         return []
     own = Configuration.given(planner)
     started = now()
-    known = [problem.without(*own.planner.unknown(problem)) for problem in problems]
+    known = _as_known(planner, problems)
     every: list[Answers] = []
     if len(problems) > 1:
         try:
@@ -471,8 +472,16 @@ def _stopped(planner: object, problems: Sequence[Problem], seconds: float) -> li
         return []
     from trajopt.benchmark.run.runner import Supervised  # late: needs cloudpickle
 
-    with closing(Supervised(planner, problems[0], timeout=seconds)) as chosen:
-        return [chosen.trials(problem, [0])[0] for problem in problems]
+    known = _as_known(planner, problems)
+    with closing(Supervised(planner, known[0], timeout=seconds)) as chosen:
+        found = [chosen.trials(problem, [0])[0] for problem in known]
+    return [_judged_on(problem, own) for problem, own in zip(problems, found, strict=True)]
+
+
+def _as_known(planner: object, problems: Sequence[Problem]) -> list[Problem]:
+    """Return problems without the limits that a planner does not know."""
+    own = Configuration.given(planner).planner
+    return [problem.without(*own.unknown(problem)) for problem in problems]
 
 
 def _better(
@@ -498,14 +507,18 @@ def _retimed(problem: Problem, trial: Trial) -> Trial | None:
     motion = trial.solution.trajectory
     if motion is None:
         return None
-    places = motion(motion.waypoint_times)
-    passed = replace(problem.without("tolerance"), waypoints=places)
-    solution = GivenPath(motion, load("along")).solve(passed)
-    found = Answers([solution], Relation.RESTRICTION, wall_time=trial.solve_time)
-    own = Configuration.of(load("along"), "along", "along")
-    (timed,) = judged(own.entrant, problem, [0], found, trial.started)
+    found = retiming.along(problem.name, motion, problem.without("tolerance")).trial
+    timed = _judged_on(problem, found)
     is_shorter = (timed.certified_duration or np.inf) < (trial.certified_duration or np.inf)
     return timed if is_shorter else None
+
+
+def _judged_on(problem: Problem, trial: Trial) -> Trial:
+    """Return a trial as an answer to another problem: the one that is asked, not a part of it."""
+    if trial.problem is problem:
+        return trial
+    status, message, certificate = verdict(problem, trial.solution)
+    return replace(trial, problem=problem, status=status, message=message, certificate=certificate)
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
+from contextlib import suppress
+
 import casadi as ca
 import numpy as np
+import pytest
 
-from baselines.ipopt import flat, program, unflat
+from baselines.ipopt import Program, flat, program, unflat
 
 
 def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
@@ -44,3 +48,23 @@ def test_flat_is_the_order_of_casadi_and_unflat_leads_back() -> None:
     np.testing.assert_array_equal(vector, np.asarray(casadi).ravel())
     for table, back in zip(tables, unflat(vector, [(2, 3), (2,)]), strict=True):
         np.testing.assert_array_equal(back, table)
+
+
+class Interrupted:
+    """A solver in which Ctrl-C is pressed; like CasADi's it returns all the same."""
+
+    def __call__(self, **_):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return {"x": [0.0]}
+
+    def stats(self):
+        return {"success": False, "return_status": "Invalid_Number_Detected"}
+
+
+def test_ctrl_c_within_a_run_is_not_lost():
+    before = signal.getsignal(signal.SIGINT)
+    none = np.zeros(0)
+    with pytest.raises(KeyboardInterrupt):
+        Program(Interrupted())(np.zeros(1), none, (none, none), (none, none))
+    assert signal.getsignal(signal.SIGINT) is before

@@ -90,7 +90,8 @@ def test_a_solved_problem_cut_in_two_and_time_reversed(seed):
             demands |= {key: own for key, own in problem.demands.items() if key.startswith(other)}
             part = Problem(problem.waypoints[rows], problem.limits, demands=demands)
             # of 77 one part is found only where 1e-10 of the limits is left to rounding
-            assert solved(part).duration == pytest.approx(duration, rel=5e-8)
+            exactly = 5e-8 if seed == 77 else 2e-8
+            assert solved(part).duration == pytest.approx(duration, rel=exactly)
     route = problem.route.reversed()
     backwards = Problem(route.waypoints, problem.limits, demands=route.demands)
     assert solved(backwards).duration == pytest.approx(motion.duration, rel=2e-8)
