@@ -345,7 +345,7 @@ def take_over(
 
 
 def _spline_alone(problem: Problem) -> Solution:
-    """Plan nothing: the spline is the answer."""
+    """Plan nothing, so that the spline is the answer."""
     return Solution(Status.FAILED, message="no planner is asked")
 
 
@@ -514,7 +514,7 @@ def _retimed(problem: Problem, trial: Trial) -> Trial | None:
 
 
 def _judged_on(problem: Problem, trial: Trial) -> Trial:
-    """Return a trial as an answer to another problem: the one that is asked, not a part of it."""
+    """Return a trial, planned without some of a problem's limits, judged on the whole problem."""
     if trial.problem is problem:
         return trial
     status, message, certificate = verdict(problem, trial.solution)

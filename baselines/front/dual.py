@@ -381,7 +381,7 @@ def _active_set(
     best = np.zeros(low.shape)
     best_value = np.full(len(low), -np.inf)
     size = np.minimum(np.abs(low), np.abs(high)) + 1e-12
-    left = np.arange(len(low))  # those whose active set still changes
+    left = np.arange(len(low))  # the rows whose active set still changes
     for _ in range(_ITERATIONS):
         now, aim, sides = active[left], goal[left], side[left]
         own = np.flatnonzero(now.any(axis=0))

@@ -14,7 +14,7 @@ from trajopt.explain.references import BEST_KNOWN, OPTIMUM_WITH_POSITION, THROUG
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 ROUNDING_PERCENT = 1e-7  # percent of the duration; a smaller distance is rounding
-PROVED_DIGITS = 4  # of a bound that is not within OPTIMUM_RTOL of the answer
+PROVED_DIGITS = 4  # digits of a bound that is further than OPTIMUM_RTOL below the answer
 
 ADD_JERK_LIMITS = (
     "without them acceleration jumps. Add jerk limits (rad/s³) to the problem file, or max_jerk "

@@ -31,7 +31,7 @@ END_STATES = ("start_velocity", "start_acceleration", "end_velocity", "end_accel
 IGNORED = ("duration", "least_duration")  # a bound without them holds with them
 DEMANDS = (*IGNORED, "closed", "dwell", "given_times", "least_times", "tolerance", *END_STATES)
 DESCRIPTION = ("name", "source", "digest", "joint_names", "joint_units", "waypoints", "limits")
-TABLES = {  # of a proof, with their columns; 0: a list
+TABLES = {  # the tables of a proof, and how many columns each has; 0 for a plain list
     "units": 0,
     "cutoff": 0,
     "tangents": 2,

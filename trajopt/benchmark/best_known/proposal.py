@@ -63,7 +63,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """A problem's record before and after the candidates for it are taken.
+    """A problem's record, before its candidates (proposed motions and proofs) are taken and after.
 
     Attributes:
         problem: The candidates' problem.

@@ -17,7 +17,8 @@ from trajopt.views.analysis import statistics
 from trajopt.views.analysis.overview import measured
 from trajopt.views.analysis.pairwise import medians
 
-LEAST_SHARE = 0.5  # of the problems; a planner that answers fewer is not compared with the others
+# A planner that answers a smaller share of the problems is not compared with the others.
+LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
