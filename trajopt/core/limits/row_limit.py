@@ -159,7 +159,7 @@ class RowLimit(FieldsLimit):
         factor = excluded(cuts, 1.0)
         for _ in range(_MAX_CUTS):
             if not 1 / _MAX_DILATION < factor < _MAX_DILATION:
-                break
+                return np.inf if too_fast else 0.0
             found = self._worst(motion.dilated(factor), least=_LEAST)
             if found.value <= 1 + _WITHIN:
                 return factor
@@ -167,7 +167,7 @@ class RowLimit(FieldsLimit):
             assert more is not None
             cuts = np.concatenate([cuts, more], axis=1)
             factor = max(excluded(cuts, factor if too_fast else 1.0), factor * (1 + WORST_RTOL))
-        return np.inf if too_fast else 0.0
+        return np.inf if too_fast else 1.0  # as it is, the motion keeps the limit
 
     def _cuts(self, motion: Trajectory, times: Array) -> Array | None:
         """Return each row at each time as a polynomial of `1/k`, positive where it does not hold.
