@@ -13,6 +13,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import LIMIT_NAMES, FallingVelocity, Limit
 from trajopt.core.numerals import rounded_down
 from trajopt.core.problem import Problem
+from trajopt.core.resolution import spared
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
@@ -79,8 +80,15 @@ class Prove(Planner):
         return spline353.unsupported(problem)
 
     def tightened(self, problem: Problem, left_out: Sequence[Limit]) -> Problem:
-        """Return the problem with the least times of segments that limits left out imply."""
+        """Return the problem with the least times of segments that limits left out imply.
+
+        Where a motion may miss waypoints by rounding there are none: the times are those of ways
+        through them.
+        """
         if self.family != "free" or "given_times" in problem.demands:
+            return problem
+        merged, _ = problem.merged()
+        if spared(merged).any():
             return problem
         stated = problem.route.demand("least_times")
         least = np.maximum.reduce([stated, *(own.least_times(problem) for own in left_out)])
@@ -145,12 +153,15 @@ class Prove(Planner):
         from baselines.lower_bound import dual_check, ratio_boxes
 
         shown, _ = self._shown(problem)
-        simpler = SIMPLEST.apply(shown)
         if self.family == "free":
             of_all = dual_check.BoundProof.stored(stats)
-            return None if of_all is None else dual_check.proved_bound(simpler, of_all)
+            # the check derives least times of limits that it knows from the limits themselves
+            stated = replace(problem, demands=shown.demands)
+            return None if of_all is None else dual_check.proved_bound(stated, of_all)
         of_splines = ratio_boxes.RatioProof.stored(stats)
-        return None if of_splines is None else ratio_boxes.proved_bound(simpler, of_splines)
+        if of_splines is None:
+            return None
+        return ratio_boxes.proved_bound(SIMPLEST.apply(shown), of_splines)
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"

@@ -56,7 +56,7 @@ def tried(seed: int) -> Tried:
     """Judge a random motion of a random arm."""
     rng = np.random.default_rng([9, seed])
     joints = int(rng.integers(1, 8))
-    chain = _chain(rng, joints)
+    chain = drawn_chain(rng, joints)
     motion = _motion(rng, joints)
     limit = ToolSpeed.read(1.0, joints).for_chain(chain)
     shares = np.linspace(_AT_ENDS, 1 - _AT_ENDS, _SAMPLES // len(motion.lengths))
@@ -71,7 +71,7 @@ def tried_torque(seed: int) -> Tried:
     """Judge the torques of a random motion of a random arm with random masses."""
     rng = np.random.default_rng([10, seed])
     joints = int(rng.integers(1, 8))
-    chain = _loaded(rng, _chain(rng, joints))
+    chain = _loaded(rng, drawn_chain(rng, joints))
     motion = _motion(rng, joints)
     limit = Torque.read(rng.uniform(20, 200, joints).tolist(), joints).for_chain(chain)
     assert isinstance(limit, Torque)
@@ -121,7 +121,8 @@ def torques(chain: LinkChain, q: Array, v: Array, a: Array) -> Array:
     return np.asarray(pinocchio.rnea(model, model.createData(), q, v, a))
 
 
-def _chain(rng: np.random.Generator, joints: int) -> LinkChain:
+def drawn_chain(rng: np.random.Generator, joints: int) -> LinkChain:
+    """Return an arm of joints about or along any axes, one in five of which slides."""
     axes = rng.normal(size=(joints, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     axes[rng.random(joints) < 0.4] = [0.0, 0.0, 1.0]

@@ -3,11 +3,11 @@
 This is the kernel of all proofs of lower bounds: whatever searches for a proof, a bound is believed
 because this file derives it again. It imports the standard library only and solves nothing.
 
-All numbers are fractions. Roots and quotients are rounded to 128 binary places, such that the bound
-only gets smaller. Equation numbers are those of docs/mathematics/bounds.md.
+All numbers are fractions. Roots, quotients, sines and cosines are rounded to 128 binary places,
+such that the bound only gets smaller. Equation numbers are those of docs/mathematics/bounds.md.
 
-In reading order: the problem as its file states it; the bound in closed form; the relaxation's
-variables and their box; its rows; the walk through the tree of boxes.
+In reading order: the problem as its file states it; the least times of a tool's ways; the bound in
+closed form; the relaxation's variables and their box; its rows; the walk through the tree of boxes.
 """
 
 from __future__ import annotations
@@ -28,6 +28,10 @@ RAISE, LOWER, BRANCH, LEAF = range(4)  # kinds of steps
 LOWER_SIDE, UPPER_SIDE = range(2)
 BOUNDED = ("velocity", "acceleration", "jerk", "position")
 END_STATES = ("start_velocity", "start_acceleration", "end_velocity", "end_acceleration")
+POINT_SPEEDS = ("tool_speed", "link_speed")
+# numbers of each joint in these limits: speed; the joint's origin, axis, whether it slides; a point
+ORIGIN, AXIS, SLIDES, POINT = slice(1, 13), slice(13, 16), 16, slice(17, 20)
+SHORT_CHORD = Fraction(1, 10**9)  # m; a shorter way of a point counts as none
 IGNORED = ("duration", "least_duration")  # a bound without them holds with them
 DEMANDS = (*IGNORED, "closed", "dwell", "given_times", "least_times", "tolerance", *END_STATES)
 DESCRIPTION = ("name", "source", "digest", "joint_names", "joint_units", "waypoints", "limits")
@@ -59,6 +63,7 @@ Pair = tuple[Fraction | None, Fraction | None]  # limits downwards and upwards; 
 Limits = list[list[Pair]]  # by segment and joint
 Sizes = list[list[tuple[Fraction, Fraction]]]  # the same where every joint has both limits
 Quadratic = tuple[Fraction, Fraction, Fraction]  # f₀ + f₁ s + f₂ s²
+Interval = tuple[Fraction, Fraction]  # its ends; it holds a number that may be no fraction
 Row = tuple[dict[int, Fraction], Fraction]  # coefficients by variable; upper bound of their sum
 
 
@@ -231,7 +236,7 @@ class ExactProblem:
         position: by joint and side, signed.
         falling: by joint.
         tolerance: half widths, (waypoints, joints).
-        least_times: (segments,), s.
+        least_times: (segments,), s; those of the tool's ways among them.
         waits: at rest at each waypoint, (waypoints,), s.
         ends: start velocity and acceleration, end velocity and acceleration, of each joint.
         closed: the motion ends in the state in which it begins, whatever it is.
@@ -442,14 +447,140 @@ def of_moving_joints(problem: ExactProblem) -> ExactProblem:
 
 
 def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> ExactProblem:
-    """Return the problem of a file, of those waypoints and joints that a bound counts."""
+    """Return the problem of a file, of those waypoints and joints that a bound counts.
+
+    The least times of segments between these are at least those of a tool's ways.
+    """
     problem = stated(said)
-    problem = through(problem, distinct_waypoints(problem))
+    numbers = distinct_waypoints(problem)
+    problem = through(problem, numbers)
     if proof.get("waypoints"):
         problem = through_stated(problem, proof["waypoints"])
+        numbers = [numbers[int(k)] for k in proof["waypoints"]]
     elif not said.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
-        problem = through(problem, resolved_waypoints(problem))
+        resolved = resolved_waypoints(problem)
+        problem = through(problem, resolved)
+        numbers = [numbers[k] for k in resolved]
+    if not problem.times_are_given:
+        chords = chord_times(said, numbers)
+        least = list(map(max, problem.least_times, chords))
+        problem = replace(problem, least_times=least)
     return of_moving_joints(problem)
+
+
+# --- the least times of a tool's ways ---
+
+
+def chord_times(problem: dict[str, Any], numbers: Sequence[int]) -> Numbers:
+    """Return for ways between some waypoints the longest time of a point's straight way, (7.13).
+
+    A way has the largest speed of its segments. Its time is 0 beside a waypoint with a tolerance,
+    since the point's place there is not known.
+    """
+    limits, waypoints = problem["limits"], [problem["waypoints"][k] for k in numbers]
+    tolerance = problem.get("tolerance", [[ZERO]] * len(problem["waypoints"]))
+    exact = [not any(tolerance[k]) for k in numbers]
+    least = [ZERO] * (len(numbers) - 1)
+    for name in [own for own in POINT_SPEEDS if own in limits]:
+        table = limits[name]
+        by_segment = table if len(shape(table)) == 3 else [table] * (len(problem["waypoints"]) - 1)
+        rows = by_segment[0]
+        for j in range(len(rows) - 1 if name == "tool_speed" else 0, len(rows)):
+            speeds = [own[j][0] for own in by_segment]
+            if not any(speeds):
+                continue
+            places = [place_of(rows[: j + 1], q[: j + 1]) for q in waypoints]
+            for k, (ends, segments) in enumerate(
+                zip(pairwise(places), pairwise(numbers), strict=True)
+            ):
+                way, own = distance_below(*ends), speeds[slice(*segments)]
+                if all(own) and exact[k] and exact[k + 1] and way > SHORT_CHORD:
+                    least[k] = max(least[k], rounded_down(way / max(own)))
+    return least
+
+
+def place_of(rows: list[list[Fraction]], q: Numbers) -> list[Interval]:
+    """Return where a point of the last joint's link is, m, at positions of the joints up to there.
+
+    From the last joint to the base: each turns the point about its axis, or shifts it along it,
+    and its origin takes it to the frame of the joint before.
+    """
+    place = [constant(x) for x in rows[-1][POINT]]
+    for row, position in zip(reversed(rows), reversed(q), strict=True):
+        if row[SLIDES]:
+            place = [
+                plus(x, constant(position * along))
+                for x, along in zip(place, row[AXIS], strict=True)
+            ]
+        else:
+            place = turned(place, row[AXIS], position)
+        x, y, z, shift = (row[ORIGIN][i::4] for i in range(4))
+        place = [
+            plus(constant(shift[i]), *map(times, place, map(constant, (x[i], y[i], z[i]))))
+            for i in range(3)
+        ]
+    return place
+
+
+def turned(place: list[Interval], axis: Numbers, angle: Fraction) -> list[Interval]:
+    """Return x + sin θ u × x + (1 − cos θ) u × (u × x), by Rodrigues."""
+    sine, (low, high) = sine_and_cosine(angle)
+    across = cross(axis, place)
+    back = cross(axis, across)
+    return [
+        plus(x, times(sine, y), times((1 - high, 1 - low), z))
+        for x, y, z in zip(place, across, back, strict=True)
+    ]
+
+
+def sine_and_cosine(x: Fraction) -> tuple[Interval, Interval]:
+    """Return sin x and cos x: Taylor's sums at x/2ⁿ below 1, where the angle is then doubled.
+
+    No derivative exceeds 1, so what the sums leave out is at most the first term left out.
+    """
+    doublings = floor(abs(x)).bit_length()
+    share, term, n, sums = x / 2**doublings, ONE, 0, [ZERO, ZERO]
+    while abs(term) > Fraction(1, PLACES):
+        sums[n % 2] += term if n % 4 < 2 else -term
+        n += 1
+        term *= share / n
+    rest = abs(term)
+    cosine, sine = ((rounded_down(s - rest), rounded_up(s + rest)) for s in sums)
+    for _ in range(doublings):
+        low, high = times(sine, sine)
+        doubled = times(constant(Fraction(2)), times(sine, cosine)), (1 - 2 * high, 1 - 2 * low)
+        sine, cosine = ((max(low, -ONE), min(high, ONE)) for low, high in doubled)
+    return sine, cosine
+
+
+def distance_below(one: list[Interval], other: list[Interval]) -> Fraction:
+    """Return the least distance of two places, rounded down."""
+    apart = [
+        max(low - end, start - high, ZERO)
+        for (low, high), (start, end) in zip(one, other, strict=True)
+    ]
+    return root_below(total(gap**2 for gap in apart))
+
+
+def constant(x: Fraction) -> Interval:
+    return x, x
+
+
+def plus(*terms: Interval) -> Interval:
+    return total(low for low, _ in terms), total(high for _, high in terms)
+
+
+def times(one: Interval, other: Interval) -> Interval:
+    products = [x * y for x in one for y in other]
+    return rounded_down(min(products)), rounded_up(max(products))
+
+
+def cross(u: Numbers, x: list[Interval]) -> list[Interval]:
+    """Return the vector product u × x."""
+    return [
+        plus(times(constant(u[i - 2]), x[i - 1]), times(constant(-u[i - 1]), x[i - 2]))
+        for i in range(3)
+    ]
 
 
 # --- a bound in closed form ---

@@ -4,6 +4,8 @@ The poses are a hand's way apart, as of a pick and a place. The tool may move at
 reduced speed beside a person (ISO 10218-1), or at 1000 mm/s. The drives give what their maker
 states or 60 % of it, and what they give may also carry the maker's payload. Acceleration limits are
 the maker's; with torques those of the UR5e and the Gen3, which stand in for them, are 40 rad/s².
+The arm of `six-axis` passes that problem's own waypoints. Its masses are not known, so it has no
+problem with torques.
 """
 
 from __future__ import annotations
@@ -15,8 +17,10 @@ from typing import Any
 
 from trajopt.benchmark.suites import robots
 from trajopt.benchmark.suites.suite import Suite
+from trajopt.core import built_in
 from trajopt.core.limits import Acceleration, Limits
 from trajopt.core.problem import Problem
+from trajopt.planners.kinematics import Robot
 
 # Raise it whenever a problem changes.
 VERSION = 1
@@ -44,6 +48,7 @@ _POSES = {
         [1.3, 0.7, 0.2, 1.4, 0.1, 0.8, 0.2],
     ],
 }
+_PAPER = "six-axis"
 _STAND_INS = ("ur5e", "kinova-gen3")
 _ASKED: dict[str, dict[str, Any]] = {
     "tool-250": {"tool_speed": 0.25},
@@ -52,7 +57,9 @@ _ASKED: dict[str, dict[str, Any]] = {
     "torque-60": {"torque": "60 %"},
     "payload": {"torque": "100 %"},
 }
-_NAME = re.compile(rf"arms-(?P<arm>{'|'.join(_POSES)})-(?P<asked>[\w-]+)")
+_PROBLEMS = [(arm, asked) for arm in _POSES for asked in _ASKED]
+_PROBLEMS += [(_PAPER, asked) for asked in _ASKED if "torque" not in _ASKED[asked]]
+_NAME = re.compile(rf"arms-(?P<arm>{'|'.join([*_POSES, _PAPER])})-(?P<asked>[\w-]+)")
 
 
 def near(name: str) -> Problem:
@@ -68,6 +75,12 @@ def near(name: str) -> Problem:
     )
 
 
+def paper() -> Problem:
+    """Return the problem `six-axis` with the link frames of its paper."""
+    problem = Problem.from_toml(built_in.files("problems")[_PAPER])
+    return replace(problem, chain=Robot.from_toml(built_in.files("kinematics")[_PAPER]).chain)
+
+
 def fast(problem: Problem) -> Problem:
     """Return a problem whose acceleration limits are `FAST`."""
     own = Acceleration.read([FAST] * problem.joints, problem.joints)
@@ -75,7 +88,7 @@ def fast(problem: Problem) -> Problem:
 
 
 def _made(name: str, asked: str) -> Problem:
-    problem = near(name)
+    problem = paper() if name == _PAPER else near(name)
     if "torque" in _ASKED[asked] and name in _STAND_INS:
         problem = fast(problem)
     chain = problem.chain
@@ -92,14 +105,13 @@ def _made(name: str, asked: str) -> Problem:
 
 
 def _stream() -> Iterator[Problem]:
-    for name in _POSES:
-        for asked in _ASKED:
-            yield _made(name, asked)
+    for name, asked in _PROBLEMS:
+        yield _made(name, asked)
 
 
 def _named(name: str) -> Problem | None:
     match = _NAME.fullmatch(name)
-    return _made(match["arm"], match["asked"]) if match and match["asked"] in _ASKED else None
+    return _made(*match.groups()) if match and match.groups() in _PROBLEMS else None
 
 
 SUITE = Suite(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from trajopt.core.trajectory import Trajectory
 
 _ROUNDING_RTOL = 1e-12  # by which a chord in the closed form is shorter than the computed one
+_SHORT_CHORD = 1e-9  # m; a shorter one counts as none, by rounding it may be none
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +135,7 @@ class ToolSpeed(FramesLimit):
         """
         places = self.chain.forward(problem.waypoints)[:, :3, 3]
         chords = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        chords[chords <= _SHORT_CHORD] = 0.0
         exact = (problem.route.demand("tolerance") == 0).all(axis=1)
         known = exact[:-1] & exact[1:]
         speeds = np.nan_to_num(self.column("speed")[..., 0], nan=np.inf)
