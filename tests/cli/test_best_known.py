@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 from trials import forged
@@ -99,6 +101,20 @@ def test_verify_of_nothing_does_not_hold(run):
     code, out, _ = run("verify", "one-joint", "--registry", "registry")
     assert code == 1
     assert "no record on one-joint: nothing is recorded" in out
+
+
+def test_what_holds_is_listed_as_sha256sum_reads_it(run, known, tmp_path):
+    folder = tmp_path / "registry"
+    (folder / "reversal.json").write_text("damaged")
+    code, _, _ = run("verify", "--write-list", "--registry", "registry")
+    assert code == 1
+    name = Path(known).name
+    digest = hashlib.sha256(Path(known).read_bytes()).hexdigest()
+    assert (folder / records.PROVED).read_text() == f"{digest}  {name}\n"
+    assert records.listed(folder) == {digest}
+    code, _, err = run("verify", "six-axis", "--write-list", "--registry", "registry")
+    assert code == 2
+    assert "--write-list" in err
 
 
 def test_a_motion_is_proposed_once(run, tmp_path, capsys):

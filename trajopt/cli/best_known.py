@@ -69,14 +69,26 @@ def list_(*problems: ProblemNames, registry: Registry = None, json: Json = False
 
 
 @app.command
-def verify(*problems: ProblemNames, registry: Registry = None, json: Json = False) -> int:
+def verify(
+    *problems: ProblemNames,
+    registry: Registry = None,
+    write_list: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
+) -> int:
     """Check every record anew, from its file alone: the motion exactly, the bound by its proof.
 
     No solver is asked. Exit code 1 if anything does not hold.
+
+    Args:
+        write_list: List the files that hold, with their SHA-256, in the folder's proved.sha256:
+            comparisons take the bounds of listed files without proving them again.
     """
+    if write_list and problems:
+        raise InvalidInput("--write-list", "no PROBLEMS beside it: the list is of all records")
     where = _folder(registry)
     files = records.files(where)
     checked = []
+    proved = []
     if problems:
         asked = {problem.name: records.file_of(problem, where) for problem in _asked(problems)}
         files = [file for file in asked.values() if file is not None]
@@ -85,7 +97,10 @@ def verify(*problems: ProblemNames, registry: Registry = None, json: Json = Fals
     with console.progress(len(files), "records") as advance:
         for file in files:
             checked.append(records.checked(file))
+            proved += [file] if checked[-1].holds else []
             advance(1)
+    if write_list:
+        records.write_list(proved, where)
     found = Verification(tuple(checked))
     report(found, json)
     return 0 if found.holds else 1
@@ -331,8 +346,8 @@ def _print_outcomes(outcomes: Sequence[RecordUpdate], written: Mapping[str, Path
         console.line(f"written: {file}")
     console.paragraph(
         "To submit: put these files into data/best_known of a clone of the repository, replacing "
-        "those of the same name, check them with `trajopt best-known verify`, and open a pull "
-        "request. CI checks them again; no code of yours is needed."
+        "those of the same name, check them with `trajopt best-known verify --write-list`, and "
+        "open a pull request. CI checks them again; no code of yours is needed."
     )
 
 

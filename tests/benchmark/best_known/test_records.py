@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -247,6 +248,49 @@ def test_every_recorded_file_is_one_and_lies_where_it_belongs():
 @pytest.mark.parametrize("file", SAMPLE, ids=lambda file: file.name)
 def test_what_is_recorded_holds(file):
     assert records.checked(file).differences == ()
+
+
+# --- the list of what is proved ---
+
+
+def test_the_list_names_every_file_as_it_is():
+    """`trajopt best-known verify --write-list` proves all of them and writes it anew."""
+    lines = (records.folder() / records.PROVED).read_text().splitlines()
+    found = {file.relative_to(records.folder()).as_posix(): file.read_bytes() for file in FILES}
+    now = {f"{hashlib.sha256(content).hexdigest()}  {name}" for name, content in found.items()}
+    assert set(lines) == now
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path):
+    """A folder with the record of six-axis alone; and how often a proof is checked."""
+    own = records.read(Path(shutil.copy(six_axis(), tmp_path)))
+    monkeypatch.setattr(records, "folder", lambda: tmp_path)
+    checks = []
+    monkeypatch.setattr(records.proofs, "proved", lambda trial: checks.append(trial) or 1.25)
+    return own, checks
+
+
+def test_a_listed_bound_is_not_proved_again(asked, tmp_path):
+    own, checks = asked
+    records.write_list(records.files(), tmp_path)
+    assert records.bound(own.problem) == own.lower_bound
+    assert not checks
+
+
+def test_a_bound_that_is_not_listed_is_proved_now(asked, tmp_path):
+    own, checks = asked
+    assert records.bound(own.problem) == 1.25
+    assert len(checks) == 1
+
+
+def test_a_file_that_was_changed_and_sealed_is_not_listed(asked, tmp_path):
+    own, _ = asked
+    records.write_list(records.files(), tmp_path)
+    (file,) = records.files()
+    changed(file, edited("solution", "lower_bound", value=1.48385))
+    assert records.find(own.problem).lower_bound == 1.48385
+    assert records.bound(own.problem) == 1.25
 
 
 def test_all_files_together_stay_small():

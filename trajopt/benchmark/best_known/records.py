@@ -8,7 +8,9 @@ options state the sources of both. The motion is stated joint by joint
 
 from __future__ import annotations
 
+import hashlib
 import re
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -37,6 +39,9 @@ CLOSED_FORM = "closed form"
 
 BETTER_RTOL = 1e-6
 """A duration is an improvement if it is shorter by more than this, relative."""
+
+PROVED = "proved.sha256"
+"""List of the files whose bounds were proved, as `sha256sum` reads it (`write_list`)."""
 
 _MAX_TEXT_LENGTH = 300  # characters of a line
 
@@ -264,9 +269,11 @@ def answer(problem: Problem) -> ReferenceAnswer:
 
 
 def bound(problem: Problem) -> float | None:
-    """Return the lower bound that the recorded proof proves now, s; None without a proof.
+    """Return the recorded lower bound, s; None without a proof.
 
-    No solver is needed. A proof that is damaged, or that nothing installed here checks, is none.
+    The bound of a file that `PROVED` lists was proved where the list was written. The proof of any
+    other is checked now, without a solver; one that is damaged, or that nothing installed here
+    checks, is none.
     """
     file = file_of(problem)
     record = find(problem)
@@ -277,10 +284,39 @@ def bound(problem: Problem) -> float | None:
 
 @lru_cache(maxsize=512)
 def _proved(file: Path, changed: int) -> float | None:
+    record = _read(file, changed)
+    if _sha256(file) in listed():
+        return record.lower_bound
     try:
-        return proofs.proved(_read(file, changed).trial)
+        return proofs.proved(record.trial)
     except TrajoptError:
         return None
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def listed(where: Path | None = None) -> frozenset[str]:
+    """Return the SHA-256 of the files that a folder's list names; none without a list."""
+    file = (where or folder()) / PROVED
+    return _listed(file, file.stat().st_mtime_ns) if file.is_file() else frozenset()
+
+
+@lru_cache(maxsize=8)
+def _listed(file: Path, changed: int) -> frozenset[str]:
+    return frozenset(line.partition(" ")[0] for line in file.read_text("ascii").splitlines())
+
+
+def write_list(proved: Iterable[Path], where: Path) -> Path:
+    """Write the list of a folder's files whose bounds were proved just now; returns the list.
+
+    Raises:
+        StoreError: It cannot be written.
+    """
+    lines = [f"{_sha256(file)}  {file.relative_to(where).as_posix()}\n" for file in sorted(proved)]
+    atomic.write(where / PROVED, "".join(lines).encode("ascii"))
+    return where / PROVED
 
 
 # --- the check ---

@@ -127,7 +127,7 @@ def _is_reference(trial: Trial) -> bool:
 def _with_record(reference: Reference, problem: Problem) -> Reference:
     """Return the better of the computed reference and the record of the problem.
 
-    The recorded motion is verified here, and its bound is what the recorded proof proves here.
+    The recorded motion is verified here; its bound was proved (`records.bound`).
     """
     record = records.find(problem)
     if record is None:
