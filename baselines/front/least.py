@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from baselines.front.smoothest_spline import SmoothestSpline
 from baselines.front.spline_program import (
     ProgramShape,
     between_nodes,
@@ -371,16 +372,22 @@ class _ScaledProgram:
 
     def free(self) -> Least | None:
         """Return the smoothest motion without limits; `limits_act` is true if it breaks one."""
-        found = []
-        for times in self._shares():
-            spline = self._solved(self.resting(times), (), None, warm=False)
-            if spline is not None:
-                found.append(spline)
-        if not found:
+        ends = self.ends[: 2 if self.quintic else 1]
+        smoothest = SmoothestSpline(self.q, ends, self.weights, self.order)
+        try:
+            found = [self._unlimited(smoothest, times) for times in self._shares()]
+        except np.linalg.LinAlgError:  # steps so short that the states' system has no digits left
             return None
         best = self.trajectory(min(found, key=self.value))
         certificate = verify(self.problem, best)
         return self._point(best, limits_act=not certificate.valid or certificate.dilation > 1)
+
+    def _unlimited(self, smoothest: SmoothestSpline, first: Array) -> NodeSpline:
+        times = first
+        if self.times is None and len(first) > 1:
+            times = smoothest.best_times(first)
+        _, _, states = smoothest.least(times)
+        return NodeSpline((1,) * len(times), np.ones(len(times)), times, states)
 
     def _shares(self) -> Iterator[Array]:
         """Yield initial segment times: in proportion to displacements, and more equal ones."""

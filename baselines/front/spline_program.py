@@ -103,12 +103,17 @@ def integrated(q: Any, v: Any, acceleration: Sequence[Any], lengths: Any) -> lis
 
 def squared(coefficients: Sequence[Any], lengths: Any) -> Any:
     """Return the integral over each piece of the square of Bernstein polynomials."""
-    degree = len(coefficients) - 1
+    return inner(coefficients, coefficients, lengths)
+
+
+def inner(left: Sequence[Any], right: Sequence[Any], lengths: Any) -> Any:
+    """Return the integral over each piece of the product of Bernstein polynomials."""
+    degree = len(left) - 1
     total = 0
-    for i, left in enumerate(coefficients):
-        for k, right in enumerate(coefficients):
+    for i, one in enumerate(left):
+        for k, other in enumerate(right):
             share = comb(degree, i) * comb(degree, k) / comb(2 * degree, i + k)
-            total = total + share / (2 * degree + 1) * left * right
+            total = total + share / (2 * degree + 1) * one * other
     return lengths * total
 
 
