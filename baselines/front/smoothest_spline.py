@@ -156,7 +156,8 @@ def _form(order: int, rates: int) -> Array:
     states = [np.array([np.zeros(size), places[0]])]
     states += [places[[1 + rate, 1 + rates + rate]] for rate in range(rates)]
     q, v = states[:2]
-    found = integrated(q[:-1], v[:-1], hermite(states, 1.0), 1.0)[order]
+    one = np.ones((1, 1))
+    found = integrated(q[:-1], v[:-1], hermite(states, one), one)[order]
     columns = [coefficient[0] for coefficient in found]
     return np.asarray(
         inner([own[:, None] for own in columns], [own[None] for own in columns], 1.0), dtype=float
