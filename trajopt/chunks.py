@@ -20,7 +20,6 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from math import factorial
 from typing import Any, Literal, cast
 
@@ -39,7 +38,7 @@ from trajopt.benchmark.trial import (
     verdict,
 )
 from trajopt.best_planner import Prover, best
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array
 from trajopt.core.chain import LinkChain
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput
@@ -64,7 +63,6 @@ _SPLINE = "spline"
 _MAX_DILATION = 64.0
 _HALVINGS = 12
 _STILL_RTOL = 1e-9  # of a limit: what is smaller is rest
-_LOOKED_AT = 200  # times between two targets at which a motion may pass others
 _SAME_RTOL = 1e-9  # durations that differ by less, relative, are one
 
 
@@ -166,38 +164,22 @@ class ChunkAnswer:
         passed = self.motion(self.motion.waypoint_times)
         return float(np.abs(passed - self.chunk.problem.waypoints).max())
 
-    def bound(self, seconds: float = 60.0, within: float = 0.02) -> float:
+    def bound(self, seconds: float = 60.0, within: float = 0.005) -> float:
         """Return a proved lower bound on the time through the targets, s; 0 where there is none.
 
-        It is proved (`prove`) for a motion that passes some of the targets only, which no motion
-        through all of them beats: the turning points, and those that the fastest motion through
-        the ones before misses most, until it takes about as long as the answer. Jerk limits, and
-        least times of segments, are left out.
+        It is proved (`prove`) for motions of some joints that pass some of the targets: no motion
+        of all joints through all of them is faster. Jerk limits, and least times of segments, are
+        left out.
 
         Args:
             seconds: CPU time for the proof.
-            within: share of the time that may be lost by leaving out targets. Fewer of these make
-                the proof faster.
+            within: gap of the answer to the bound at which to stop, relative.
         """
-        motion = self.motion
-        if motion is None:
+        if self.motion is None:
             return 0.0
-        whole = self.chunk.problem.without("jerk", "start_acceleration", "end_acceleration")
-        kept = _turning(whole)
-        while True:
-            part = whole.at(kept)
-            (trial,) = _planned(_PLANNER, [part])
-            known = trial.certified_trajectory
-            if known is None:
-                known = replace(motion, waypoint_times=motion.waypoint_times[kept])
-                break
-            missed = _missed(whole, kept, known)
-            if not missed or known.duration >= motion.duration * (1 - within):
-                break
-            kept[missed] = True
-        part, known = _decisive(part, known, within / 10)
-        prover = cast(Prover, load(f"prove:time_limit={seconds},within={within / 10}"))
-        return prover.beside(part, known)
+        asked = self.chunk.problem.without("jerk", "start_acceleration", "end_acceleration")
+        prover = cast(Prover, load(f"prove:time_limit={seconds},within={within}"))
+        return prover.beside(asked, self.motion)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
@@ -390,57 +372,6 @@ def answers(
         for chunk, problem, trial in zip(chunks, problems, found, strict=True)
         if trial is not None
     ]
-
-
-def _turning(problem: Problem) -> Bools:
-    """Return the first target, the last one, and where a joint turns back beyond the tolerance."""
-    places, r = problem.waypoints, problem.route.demand("tolerance")
-    kept = np.zeros(len(places), dtype=bool)
-    kept[[0, -1]] = True
-    for x, far in zip(places.T, 2 * r.max(axis=0), strict=True):
-        low = high = 0
-        sign = 0  # of the direction since the last turn
-        for i in range(1, len(x)):
-            high = i if x[i] > x[high] else high
-            low = i if x[i] < x[low] else low
-            if sign >= 0 and x[high] - x[i] > far:
-                kept[high], sign, low, high = True, -1, i, i
-            elif sign <= 0 and x[i] - x[low] > far:
-                kept[low], sign, low, high = True, 1, i, i
-    return kept
-
-
-def _decisive(problem: Problem, motion: Trajectory, within: float) -> tuple[Problem, Trajectory]:
-    """Return the problem of the joints that decide its time, and their motion.
-
-    A joint is left out where the others take as long without it, to a share `within`.
-    """
-    for joint in np.argsort(np.abs(problem.displacements).sum(axis=0)):
-        others = [own for own in range(problem.joints) if own != joint]
-        if not others or not problem.moving[others].any():
-            continue
-        fewer = problem.only(others)
-        (trial,) = _planned(_PLANNER, [fewer])
-        known = trial.certified_trajectory
-        if known is not None and known.duration >= motion.duration * (1 - within):
-            return _decisive(fewer, known, within)
-    return problem, motion
-
-
-def _missed(problem: Problem, kept: Bools, motion: Trajectory) -> list[int]:
-    """Return the targets that a motion misses most, one between each two that it passes."""
-    places, r = problem.waypoints, problem.route.demand("tolerance")
-    found = []
-    passed = zip(
-        pairwise(np.flatnonzero(kept).tolist()), pairwise(motion.waypoint_times), strict=True
-    )
-    for (first, last), (begins, ends) in passed:
-        way = motion(np.linspace(begins, ends, _LOOKED_AT))
-        between = range(first + 1, last)
-        away = [float((np.abs(way - places[i]) - r[i]).max(axis=1).min()) for i in between]
-        if max(away, default=0.0) > 0:
-            found.append(between[int(np.argmax(away))])
-    return found
 
 
 def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:

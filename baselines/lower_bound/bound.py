@@ -9,13 +9,13 @@ without a solver.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from baselines.lower_bound import ratio_boxes
+from baselines.lower_bound import decisive, ratio_boxes
 from baselines.lower_bound.apart import counted, relaxed
 from baselines.lower_bound.branching import MAX_IDLE_SPLITS, ProvedBound, branch_and_bound
 from baselines.lower_bound.dual_check import BoundProof
@@ -40,6 +40,13 @@ _INCUMBENT_SHARE = 0.3
 _SECONDS_PER_CELL = 5e-3
 # Splits without progress before all waypoints count.
 _FEW_IDLE_SPLITS = 3
+# Segments from which on a problem within tolerance is bounded by its decisive parts first; the
+# largest loss of time of a part, whose proof is quick, and its factor from one part to the next.
+_MANY_SEGMENTS = 8
+_QUICK_LOSS = 4e-3
+_LOSS_FACTOR = 4.0
+# A part is proved to this share of the time that it may lose.
+_SHARE_OF_LOSS = 0.25
 # Rounding by which a verified duration may exceed the solver's, relative.
 _ROUNDING_RTOL = 1e-9
 
@@ -114,6 +121,10 @@ def prove(
         bound = _free(simpler, within, late, time_limit, given)
     else:
         bound = _spline353(simpler, within, late)
+    if isinstance(bound.proof, BoundProof) and bound.proof.joints.size:
+        # a proof numbers all joints of its problem
+        joints = np.flatnonzero(problem.moving)[bound.proof.joints.astype(np.intp)]
+        bound = replace(bound, proof=replace(bound.proof, joints=joints.astype(float)))
     if bound.trajectory is None:
         return bound
     return replace(bound, trajectory=SIMPLEST.restored(problem, bound.trajectory))
@@ -150,9 +161,8 @@ def _free(
     if best is not None:
         known = best.duration
     lower, proof = 0.0, None
-    for waypoints in _choices(problem):
-        outcome = _searched(problem, waypoints, known / (1 + within), within, late, best)
-        if outcome is not None and outcome.lower_bound > lower:
+    for outcome in _outcomes(problem, known, within, late, best):
+        if outcome.lower_bound > lower:
             lower, proof = outcome.lower_bound, outcome.proof
         if late() or lower * (1 + within) * (1 + _ROUNDING_RTOL) >= known:
             break
@@ -165,9 +175,18 @@ def _free(
     bound = _bound(lower, best, within, word, proof)
     if proof is None or not proof.waypoints.size:
         return bound
+    return replace(bound, message=_left_out(problem, proof))
+
+
+def _left_out(problem: Problem, proof: BoundProof) -> str:
+    """Return in words what a proof does not count."""
+    if proof.joints.size:
+        sizes = ((proof.waypoints, len(problem.waypoints)), (proof.joints, problem.joints))
+        some = [f"{own.size} of {every}" for own, every in sizes]
+        return f"the bound counts waypoints: {some[0]}, moving joints: {some[1]}"
     numbers = np.setdiff1d(np.arange(len(problem.waypoints)), proof.waypoints) + 1
     said = "the bound leaves out waypoints that others' tolerances overlap: "
-    return replace(bound, message=said + ", ".join(map(str, numbers.tolist())))
+    return said + ", ".join(map(str, numbers.tolist()))
 
 
 def _given(problem: Problem) -> float:
@@ -187,6 +206,42 @@ def _choices(problem: Problem) -> list[Indices | None]:
         return [None]
     fewer = np.flatnonzero(kept)
     return [fewer, None]
+
+
+def _outcomes(
+    problem: Problem,
+    known: float,
+    within: float,
+    late: Callable[[], bool],
+    best: Incumbent | None,
+) -> Iterator[ProvedBound]:
+    """Yield what searches prove: of decisive parts, then of most waypoints, then of all.
+
+    Args:
+        problem: Without identical consecutive waypoints; all joints move.
+        known: Duration of the fastest motion known, s.
+        within: Gap that is asked for, relative.
+        late: Returns whether the time is over.
+        best: The fastest motion known.
+    """
+    many = "tolerance" in problem.demands and problem.segments > _MANY_SEGMENTS
+    if many and best is not None and not problem.has("jerk") and not _given(problem):
+        losses = [max(within / 2, decisive.LEAST_LOSS)]
+        while losses[-1] * _LOSS_FACTOR <= _QUICK_LOSS:
+            losses.append(losses[-1] * _LOSS_FACTOR)
+        for part in reversed(decisive.parts(problem, known, losses, late)):
+            asked = max(within / 2, _SHARE_OF_LOSS * part.loss)
+            target = part.known.duration / (1 + asked)
+            moving = RESTING_JOINTS.apply(part.problem)
+            motion = RESTING_JOINTS.reduced(part.problem, part.known.trajectory)
+            found = branch_and_bound(moving, target, asked, late, motion)
+            counts = {"waypoints": part.waypoints, "joints": part.joints}
+            tables = {name: own.astype(float) for name, own in counts.items()}
+            yield found._replace(proof=replace(found.proof, **tables))
+    for waypoints in _choices(problem):
+        outcome = _searched(problem, waypoints, known / (1 + within), within, late, best)
+        if outcome is not None:
+            yield outcome
 
 
 def _searched(

@@ -58,6 +58,7 @@ class BoundProof:
         cells: Their cells one after the other, `(cells, 7)`: those of `costates.row` without rates.
         waypoints: Numbers of the waypoints that it counts, from 0, `(waypoints,)`; optional, by
             default all but those that rounding may miss.
+        joints: Numbers of the joints that it counts, from 0, `(joints,)`; optional, by default all.
         rates: Number of a cell and the rate of its `λ`, `(rates, 2)`; optional, 0 elsewhere.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
             move a side of the box to the value, or as far as the multipliers prove if that is less
@@ -78,11 +79,12 @@ class BoundProof:
     ramps: Array = field(default_factory=lambda: np.zeros((0, 3)))
     rates: Array = field(default_factory=lambda: np.zeros((0, 2)))
     waypoints: Array = field(default_factory=lambda: np.zeros(0))
+    joints: Array = field(default_factory=lambda: np.zeros(0))
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by the names under which a trial stores them."""
         stored = {_PREFIX + name: value for name, value in vars(self).items()}
-        for name in ("rates", "waypoints"):
+        for name in ("rates", "waypoints", "joints"):
             if not stored[_PREFIX + name].size:
                 del stored[_PREFIX + name]
         return stored
@@ -127,6 +129,7 @@ _SHAPES = {
     "ramps": 3,
     "rates": 2,
     "waypoints": 0,
+    "joints": 0,
 }
 
 
@@ -139,7 +142,7 @@ def _numbers(value: Any) -> Array:
 
 
 # Tables that a proof may lack.
-_LATER = ("square_tangents", "ramps", "rates", "waypoints")
+_LATER = ("square_tangents", "ramps", "rates", "waypoints", "joints")
 
 
 def proved_bound(problem: Problem, proof: BoundProof) -> float:

@@ -47,8 +47,9 @@ TABLES = {  # the tables of a proof, and how many columns each has; 0 for a plai
     "ramps": 3,
     "rates": 2,
     "waypoints": 0,
+    "joints": 0,
 }
-OPTIONAL = ("square_tangents", "ramps", "rates", "waypoints")
+OPTIONAL = ("square_tangents", "ramps", "rates", "waypoints", "joints")
 PLACES = 2**128  # roots and quotients are multiples of 1/PLACES
 ROUNDING_RTOL = Fraction(1, 2**48)  # of a coordinate, relative to its joint's largest
 # docs/mathematics/verification.md, (9.1): steps so short that rounding decides their direction
@@ -429,9 +430,20 @@ def through_stated(problem: ExactProblem, numbers: Sequence[Fraction]) -> ExactP
 def of_moving_joints(problem: ExactProblem) -> ExactProblem:
     columns = zip(*problem.waypoints, strict=True)
     moving = [j for j, x in enumerate(columns) if len(set(x)) > 1 or any(problem.ends[j])]
+    return of_joints(problem, moving)
 
+
+def of_stated_joints(problem: ExactProblem, numbers: Sequence[Fraction]) -> ExactProblem:
+    """Leave out all joints but those that the proof counts: a relaxation."""
+    counts = [counted("joints", j, len(problem.joints)) for j in numbers]
+    if counts != sorted({*counts}):
+        raise NoProof("joints", "rising numbers", counts)
+    return of_joints(problem, counts)
+
+
+def of_joints(problem: ExactProblem, numbers: Sequence[int]) -> ExactProblem:
     def chosen(row: Any) -> Any:
-        return [row[j] for j in moving]
+        return [row[j] for j in numbers]
 
     return replace(
         problem,
@@ -465,6 +477,8 @@ def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> ExactProblem
         chords = chord_times(said, numbers)
         least = list(map(max, problem.least_times, chords))
         problem = replace(problem, least_times=least)
+    if proof.get("joints"):
+        problem = of_stated_joints(problem, proof["joints"])
     return of_moving_joints(problem)
 
 

@@ -1,0 +1,161 @@
+"""The waypoints and joints that decide the minimum time of a problem within tolerance.
+
+A motion through a few of many targets passes most of the others anyway, and most joints have time
+to spare. A problem of some waypoints and of some joints is a relaxation, and its bound is proved
+the sooner the fewer segments it has: of 50 targets of 7 joints some six, of two to four joints,
+take as long as all to some 0.3 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from baselines.lower_bound.apart import relaxed
+from baselines.lower_bound.incumbent import Incumbent, kept
+from trajopt.core.arrays import Bools, Indices
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners import registry
+
+# A local optimum to so much is enough: a loss of time is told to some 1e-4.
+_PLANNER = "exact:within=1e-4"
+LEAST_LOSS = 2e-4
+_LOOKED_AT = 200  # times between two waypoints at which a motion may pass others
+
+
+class Part(NamedTuple):
+    """A problem of some waypoints and joints, by their numbers from 0, and its fastest motion.
+
+    `loss` is the share of the whole time that may be lost.
+    """
+
+    problem: Problem
+    waypoints: Indices
+    joints: Indices
+    known: Incumbent
+    loss: float
+
+
+def parts(
+    problem: Problem, duration: float, losses: Sequence[float], late: Callable[[], bool]
+) -> list[Part]:
+    """Return a part of a problem for each loss, those of larger losses within the others.
+
+    Args:
+        problem: Without identical consecutive waypoints; all joints move.
+        duration: Of its fastest motion, s.
+        losses: Shares of the duration that may be lost, rising, at least `LEAST_LOSS`.
+        late: Returns whether the time is over; fewer parts are the answer then.
+    """
+    search = _Search(problem, late)
+    search.grow(duration * (1 - losses[0] / 2))
+    found: list[Part] = []
+    for loss in losses:
+        search.thin(duration * (1 - loss))
+        part = search.part(loss)
+        if part is None or late():
+            break
+        found.append(part)
+    return found
+
+
+class _Search:
+    """Some waypoints and joints of a problem, and the motion through them."""
+
+    def __init__(self, problem: Problem, late: Callable[[], bool]) -> None:
+        self.problem = problem
+        self.late = late
+        self.planner = registry.load(_PLANNER)
+        self.stays = problem.route.demand("dwell") > 0
+        self.stays[[0, -1]] = True
+        self.kept = self.stays | _turning(problem)
+        self.joints = list(range(problem.joints))
+        self.motion: Trajectory | None = None
+
+    def grow(self, least: float) -> None:
+        """Add the waypoints that a motion through the others misses, until it takes as long."""
+        while not self.late():
+            self.motion = self._motion(self.kept, self.joints)
+            if self.motion is None or self.motion.duration >= least:
+                return
+            missed = _missed(self.problem, self.kept, self.motion)
+            if not missed:
+                return
+            self.kept[missed] = True
+
+    def thin(self, least: float) -> None:
+        """Leave out each joint and waypoint without which the others take as long."""
+        self._leave_joints(least)
+        for waypoint in np.flatnonzero(self.kept & ~self.stays).tolist():
+            fewer = self.kept.copy()
+            fewer[waypoint] = False
+            self._take(fewer, self.joints, least)
+        self._leave_joints(least)
+
+    def _leave_joints(self, least: float) -> None:
+        moves = np.abs(self.problem.displacements).sum(axis=0)
+        for joint in sorted(self.joints, key=moves.__getitem__):
+            self._take(self.kept, [own for own in self.joints if own != joint], least)
+
+    def _take(self, waypoints: Bools, joints: list[int], least: float) -> None:
+        """Go on with these if a motion through them takes that long, s."""
+        if self.late() or not joints:
+            return
+        motion = self._motion(waypoints, joints)
+        if motion is not None and motion.duration >= least:
+            self.kept, self.joints, self.motion = waypoints, joints, motion
+
+    def _motion(self, waypoints: Bools, joints: Sequence[int]) -> Trajectory | None:
+        """Return the fastest motion through some waypoints; None where none is needed."""
+        try:
+            asked = relaxed(self.problem, np.flatnonzero(waypoints)).only(joints)
+        except InvalidInput:
+            return None
+        known = asked.without(*self.planner.unknown(asked))
+        return self.planner.solve(known).trajectory
+
+    def part(self, loss: float) -> Part | None:
+        if self.motion is None:
+            return None
+        waypoints, joints = np.flatnonzero(self.kept), np.array(self.joints)
+        own = relaxed(self.problem, waypoints).only(joints)
+        known = kept(own, self.motion)
+        return known and Part(own, waypoints, joints, known, loss)
+
+
+def _turning(problem: Problem) -> Bools:
+    """Return at which waypoints a joint turns back beyond the tolerance, `(waypoints,)`."""
+    places, r = problem.waypoints, problem.route.demand("tolerance")
+    kept = np.zeros(len(places), dtype=bool)
+    for x, far in zip(places.T, 2 * r.max(axis=0), strict=True):
+        low = high = 0
+        sign = 0  # of the direction since the last turn
+        for i in range(1, len(x)):
+            high = i if x[i] > x[high] else high
+            low = i if x[i] < x[low] else low
+            if sign >= 0 and x[high] - x[i] > far:
+                kept[high], sign, low, high = True, -1, i, i
+            elif sign <= 0 and x[i] - x[low] > far:
+                kept[low], sign, low, high = True, 1, i, i
+    return kept
+
+
+def _missed(problem: Problem, kept: Bools, motion: Trajectory) -> list[int]:
+    """Return the waypoints that a motion misses most, one between each two that it passes."""
+    places, r = problem.waypoints, problem.route.demand("tolerance")
+    found = []
+    passed = zip(
+        pairwise(np.flatnonzero(kept).tolist()), pairwise(motion.waypoint_times), strict=True
+    )
+    for (first, last), (begins, ends) in passed:
+        way = motion(np.linspace(begins, ends, _LOOKED_AT))
+        between = range(first + 1, last)
+        away = [float((np.abs(way - places[i]) - r[i]).max(axis=1).min()) for i in between]
+        if max(away, default=0.0) > 0:
+            found.append(between[int(np.argmax(away))])
+    return found
