@@ -28,7 +28,7 @@ LEAST_LOSS = 2e-4
 _LOOKED_AT = 200  # times between two waypoints at which a motion may pass others
 
 
-class Part(NamedTuple):
+class DecisivePart(NamedTuple):
     """A problem of some waypoints and joints, by their numbers from 0, and its fastest motion.
 
     `loss` is the share of the whole time that may be lost.
@@ -43,7 +43,7 @@ class Part(NamedTuple):
 
 def parts(
     problem: Problem, duration: float, losses: Sequence[float], late: Callable[[], bool]
-) -> list[Part]:
+) -> list[DecisivePart]:
     """Return a part of a problem for each loss, those of larger losses within the others.
 
     Args:
@@ -54,7 +54,7 @@ def parts(
     """
     search = _Search(problem, late)
     search.grow(duration * (1 - losses[0] / 2))
-    found: list[Part] = []
+    found: list[DecisivePart] = []
     for loss in losses:
         search.thin(duration * (1 - loss))
         part = search.part(loss)
@@ -119,13 +119,13 @@ class _Search:
         known = asked.without(*self.planner.unknown(asked))
         return self.planner.solve(known).trajectory
 
-    def part(self, loss: float) -> Part | None:
+    def part(self, loss: float) -> DecisivePart | None:
         if self.motion is None:
             return None
         waypoints, joints = np.flatnonzero(self.kept), np.array(self.joints)
         own = relaxed(self.problem, waypoints).only(joints)
         known = kept(own, self.motion)
-        return known and Part(own, waypoints, joints, known, loss)
+        return known and DecisivePart(own, waypoints, joints, known, loss)
 
 
 def _turning(problem: Problem) -> Bools:
