@@ -52,7 +52,7 @@ def parts(
         losses: Shares of the duration that may be lost, rising, at least `LEAST_LOSS`.
         late: Returns whether the time is over; fewer parts are the answer then.
     """
-    search = _Search(problem, late)
+    search = _Thinning(problem, late)
     search.grow(duration * (1 - losses[0] / 2))
     found: list[DecisivePart] = []
     for loss in losses:
@@ -64,7 +64,7 @@ def parts(
     return found
 
 
-class _Search:
+class _Thinning:
     """Some waypoints and joints of a problem, and the motion through them."""
 
     def __init__(self, problem: Problem, late: Callable[[], bool]) -> None:
