@@ -616,6 +616,22 @@ def test_a_tool_speed_on_the_command_line(run):
     assert (code, "it does not know tool speed limits" in out) == (1, True)
 
 
+def test_speeds_of_links_on_the_command_line(run):
+    """The elbow is 0.6 m from the base; a fixed link behind it is the tool."""
+    Path("arm.urdf").write_text(ARM, encoding="utf-8")
+    Path("w.csv").write_text("one,two\n0,0\n1,0\n", encoding="utf-8")
+    limits = "--urdf arm.urdf --acceleration 2"
+    code, _, err = run(f"plan w.csv {limits} --link-speed b=0.3 --planner along --out m.json")
+    assert code == 0, err
+    told = json.loads(run(f"verify m.json {limits} --link-speed b=0.3,a=1 --json")[1])
+    assert told["duration"] == pytest.approx(1 / 0.5 + 0.5 / 2, rel=1e-3)
+    code, out, _ = run(f"judge m.json w.csv {limits} --link-speed tool=0.25")
+    assert (code, "two at" in out) == (1, True)
+    code, _, err = run(f"plan w.csv {limits} --link-speed elbow=0.3")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "expected a link or joint of the arm: one, two, a, b, tool" in err
+
+
 def test_torques_on_the_command_line(run):
     """A share of the URDF's efforts, a payload, and a line where there is nothing to weigh."""
     mass = '<inertial><mass value="2"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'

@@ -100,7 +100,10 @@ def test_the_same_in_every_segment_is_no_other_problem():
         ("number = 3\nvelocity = [1, 1]", "from 1 to 2, the segments between waypoints"),
         ("number = 1.5\nvelocity = [1, 1]", "limits.segment.number is 1.5"),
         ("velocity = [1, 1]", "limits.segment.number: expected this key"),
-        ("number = 1", "expected velocity, acceleration, jerk, tool_speed or torque beside number"),
+        (
+            "number = 1",
+            "expected velocity, acceleration, jerk, tool_speed, torque or link_speed beside number",
+        ),
         ("number = 2\nvelocity = [1]", "limits.velocity, segment 2 is 1: expected 2 values"),
         ("number = 2\nvelocity = [1, -1]", "limits.velocity, segment 2, joint 2 is -1.0"),
         ("number = 2\nvelocity = [inf, 1]", "segment 2, joint 1 is inf"),

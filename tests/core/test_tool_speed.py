@@ -81,7 +81,7 @@ def test_the_tool_moves_as_the_derivative_of_its_place():
             continue
         rng = np.random.default_rng(1)
         q, v = rng.normal(size=(2, chain.joints, 7))
-        place, speed = chain.moving_tool(list(q), list(v))
+        place, speed = chain.moving(chain.tool_point, list(q), list(v))
         moved = chain.forward((q + 1e-30j * v).T)[:, :3, 3]
         np.testing.assert_allclose(np.transpose(place), moved.real, atol=1e-14)
         np.testing.assert_allclose(np.transpose(speed), moved.imag / 1e-30, atol=1e-13)

@@ -247,6 +247,10 @@ OF_KIND = {  # what a table of limits says, and another value
         f"{{speed = 0.5, {FRAME}, tool = [0.3, 0, 0]}}",
         f"{{speed = 0.4, {FRAME}, tool = [0.3, 0, 0]}}",
     ),
+    "link_speed": (
+        f"{{speed = [0.5], {FRAME}, place = [[0.3, 0, 0]]}}",
+        f"{{speed = [0.4], {FRAME}, place = [[0.3, 0, 0]]}}",
+    ),
     "torque": (f"{{torque = [5.0], {FRAME}, {BODY}}}", f"{{torque = [4.0], {FRAME}, {BODY}}}"),
 }
 

@@ -9,6 +9,7 @@ with those of dense samples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any, NamedTuple
 
@@ -17,8 +18,8 @@ from cyclopts import Parameter
 
 from trajopt.core.arrays import Array
 from trajopt.core.bodies import Masses, body, described
-from trajopt.core.chain import LinkChain, origin_poses
-from trajopt.core.limits import ToolSpeed, Torque
+from trajopt.core.chain import LinkChain, LinkPoint, origin_poses
+from trajopt.core.limits import Limit, LinkSpeed, ToolSpeed, Torque
 from trajopt.core.trajectory import Trajectory
 
 _SAMPLES = 2_000
@@ -41,7 +42,7 @@ class Tried(NamedTuple):
 def main(count: Annotated[int, Parameter(help="Arms.")] = 1000, *, quick: bool = False) -> None:
     """Try random arms, and print the largest differences."""
     wrong = False
-    for what, judged in {"speeds": tried, "torques": tried_torque}.items():
+    for what, judged in {"speeds": tried, "links": tried_links, "torques": tried_torque}.items():
         found = [judged(seed) for seed in range(30 if quick else count)]
         apart, above = np.array(found).T
         print(f"{len(found)} arms; {what} differ from Pinocchio's by {apart.max():.1e} at most;")
@@ -53,17 +54,36 @@ def main(count: Annotated[int, Parameter(help="Arms.")] = 1000, *, quick: bool =
 
 
 def tried(seed: int) -> Tried:
-    """Judge a random motion of a random arm."""
+    """Judge the tool's speed in a random motion of a random arm."""
     rng = np.random.default_rng([9, seed])
     joints = int(rng.integers(1, 8))
     chain = drawn_chain(rng, joints)
-    motion = _motion(rng, joints)
     limit = ToolSpeed.read(1.0, joints).for_chain(chain)
+    return _compared(chain, limit, _motion(rng, joints), [chain.tool_point])
+
+
+def tried_links(seed: int) -> Tried:
+    """Judge the speeds of a point of each link."""
+    rng = np.random.default_rng([11, seed])
+    joints = int(rng.integers(1, 8))
+    names = [f"link {joint}" for joint in range(joints)]
+    chain = drawn_chain(rng, joints).named(names)
+    places = rng.uniform(-0.3, 0.3, (joints, 3))
+    points = [LinkPoint(joint, place) for joint, place in enumerate(places)]
+    asked = {
+        own: {"speed": 1.0, "xyz": xyz.tolist()} for own, xyz in zip(names, places, strict=True)
+    }
+    limit = LinkSpeed.read(asked, joints).for_chain(chain)
+    return _compared(chain, limit, _motion(rng, joints), points)
+
+
+def _compared(chain: LinkChain, limit: Limit, motion: Trajectory, points: list[LinkPoint]) -> Tried:
     shares = np.linspace(_AT_ENDS, 1 - _AT_ENDS, _SAMPLES // len(motion.lengths))
     times = np.ravel(motion.breaks[:-1, None] + shares * motion.lengths[:, None])
-    peak = float(limit.along(motion, times)[None].max())
+    peak = max(float(own.max()) for own in limit.along(motion, times).values())
     at = times[:: _SAMPLES // _COMPARED]
-    apart = np.abs(limit.along(motion, at)[None] - _speeds(chain, motion, at)).max()
+    found = np.array(list(limit.along(motion, at).values()))
+    apart = np.abs(found - _speeds(chain, motion, at, points)).max()
     return Tried(float(apart / peak), limit.worst(motion).value / peak - 1)
 
 
@@ -138,8 +158,8 @@ def _motion(rng: np.random.Generator, joints: int) -> Trajectory:
     return Trajectory(breaks, coefficients, breaks[[0, -1]])
 
 
-def _model(chain: LinkChain) -> tuple[Any, int]:
-    """Return Pinocchio's model of a chain, and its frame of the tool."""
+def _model(chain: LinkChain, points: Sequence[LinkPoint] = ()) -> tuple[Any, list[int]]:
+    """Return Pinocchio's model of a chain, and its frames of points."""
     import pinocchio
 
     model = pinocchio.Model()
@@ -151,18 +171,26 @@ def _model(chain: LinkChain) -> tuple[Any, int]:
         moves = kinds[0 if slides else 1](*axis)
         parent = model.addJoint(parent, moves, pinocchio.SE3(origin), f"joint {joint}")
     kind = pinocchio.FrameType.OP_FRAME
-    frame = model.addFrame(pinocchio.Frame("tool", parent, 0, pinocchio.SE3(chain.tool), kind))
-    return model, frame
+    frames = []
+    for number, point in enumerate(points):
+        pose = pinocchio.SE3(np.eye(3), point.place)
+        own = pinocchio.Frame(f"point {number}", point.joint + 1, 0, pose, kind)
+        frames.append(model.addFrame(own))
+    return model, frames
 
 
-def _speeds(chain: LinkChain, motion: Trajectory, times: Array) -> Array:
+def _speeds(
+    chain: LinkChain, motion: Trajectory, times: Array, points: Sequence[LinkPoint]
+) -> Array:
+    """Return the speeds of points, m/s, `(points, times)`."""
     import pinocchio
 
-    model, frame = _model(chain)
+    model, frames = _model(chain, points)
     data = model.createData()
-    found = []
-    for q, v in zip(motion(times), motion(times, 1), strict=True):
+    found = np.zeros((len(points), len(times)))
+    for column, (q, v) in enumerate(zip(motion(times), motion(times, 1), strict=True)):
         pinocchio.forwardKinematics(model, data, q, v)
-        speed = pinocchio.getFrameVelocity(model, data, frame).linear
-        found.append(float(np.linalg.norm(speed)))
-    return np.array(found)
+        for row, frame in enumerate(frames):
+            speed = pinocchio.getFrameVelocity(model, data, frame).linear
+            found[row, column] = np.linalg.norm(speed)
+    return found

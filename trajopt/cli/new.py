@@ -48,6 +48,7 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 # jerk = [50, 50, 50, 50, 50, 50]                         # rad/s³; real controllers want some
 # position = [[-6, 6], [-6, 6], [-3, 3], [-6, 6], [-6, 6], [-6, 6]]   # rad
 # tool_speed = 0.25                                       # m/s, by the robot's link frames
+# link_speed.elbow_joint = 0.5                            # m/s, of the link that this joint moves
 # torque = [150, 150, 150, 28, 28, 28]                    # N m, by its masses; or true, or "60 %"
 # # Velocity that falls near joint ends: falling_velocity = true is the robot's own (franka-fr3),
 # # or a table with offset, deceleration and position.

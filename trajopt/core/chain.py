@@ -7,9 +7,10 @@ the special case of an axis z.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,30 @@ _ROUNDING = 1e-15
 """Entries of rotations that are smaller are rounded zeros: a tool's place changes by 1e-15 m."""
 
 
+class LinkFrame(NamedTuple):
+    """The frame of a link.
+
+    Attributes:
+        joint: index, from 0, of the joint that moves the link.
+        pose: in that joint's frame, m, `(4, 4)`.
+    """
+
+    joint: int
+    pose: Array
+
+
+class LinkPoint(NamedTuple):
+    """A point that is fixed to a link.
+
+    Attributes:
+        joint: index, from 0, of the joint that moves the link.
+        place: in that joint's frame, m, `(3,)`.
+    """
+
+    joint: int
+    place: Array
+
+
 @dataclass(frozen=True, eq=False)
 class LinkChain:
     """Joints one after another, from the base to the tool.
@@ -41,6 +66,7 @@ class LinkChain:
         tool: Pose of the tool in the last joint's frame, m, `(4, 4)`.
         masses: What the joints move; None where that is not known, or the error of what a file
             states, which is raised where they are needed.
+        links: The frames of links by their names, as far as these are known.
     """
 
     origins: Array
@@ -48,10 +74,11 @@ class LinkChain:
     slides: Bools
     tool: Array = field(default_factory=partial(np.eye, 4))
     masses: Masses | InvalidInput | None = None
+    links: Mapping[str, LinkFrame] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
-            if key == "masses":
+            if key in ("masses", "links"):
                 continue
             array = np.array(value, dtype=bool if key == "slides" else float)
             array.setflags(write=False)
@@ -60,6 +87,20 @@ class LinkChain:
     @property
     def joints(self) -> int:
         return len(self.axes)
+
+    @property
+    def tool_point(self) -> LinkPoint:
+        """Return the tool's origin."""
+        return LinkPoint(self.joints - 1, self.tool[:3, 3])
+
+    def named(self, joints: Sequence[str]) -> LinkChain:
+        """Return the chain with the names of its joints as those of the links that they move.
+
+        Such a link begins at its joint's frame. A link of that name stays what it is.
+        """
+        numbered = zip(joints, range(self.joints), strict=False)
+        own = {name: LinkFrame(joint, np.eye(4)) for name, joint in numbered}
+        return replace(self, links={**own, **self.links})
 
     def carrying(self, payload: Mapping[str, Any]) -> LinkChain:
         """Return the chain with a payload at its tool (`Masses.carrying`).
@@ -102,20 +143,28 @@ class LinkChain:
         """Return the pose of the tool, m, `(…, 4, 4)`, at positions `(…, joints)`, rad (m)."""
         return self.frames(q)[..., -1, :, :]
 
-    def moving_tool(self, q: Sequence[Any], v: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """Return position, m, and velocity, m/s, of the tool's origin: x, y and z of each.
+    def places(self, q: Any, point: LinkPoint) -> Array:
+        """Return the place of a point, m, `(…, 3)`, at positions `(…, joints)`, rad (m)."""
+        pose = self.frames(q)[..., point.joint, :3, :]
+        return np.asarray(pose[..., :3] @ point.place + pose[..., 3])
+
+    def moving(
+        self, point: LinkPoint, q: Sequence[Any], v: Sequence[Any]
+    ) -> tuple[list[Any], list[Any]]:
+        """Return position, m, and velocity, m/s, of a point of a link: x, y and z of each.
 
         The formula takes whatever knows `+`, `−`, `×`, and NumPy's sine and cosine: numbers, arrays
         of states, enclosures, symbols.
 
         Args:
+            point: The point.
             q: Position of each joint, rad (m).
             v: Velocity of each joint, rad/s (m/s).
         """
-        place: list[Any] = self.tool[:3, 3].tolist()
+        place: list[Any] = point.place.tolist()
         speed: list[Any] = [0.0, 0.0, 0.0]
-        # from the tool to the base: each joint moves what follows it, in its own frame
-        for joint in reversed(range(self.joints)):
+        # from the point to the base: each joint moves what follows it, in its own frame
+        for joint in reversed(range(point.joint + 1)):
             turn, shift = self.origins[joint, :3, :3], self.origins[joint, :3, 3].tolist()
             if self.slides[joint]:
                 axis = self.axes[joint].tolist()
@@ -218,6 +267,7 @@ class JointFrame(NamedTuple):
         friction: Coulomb friction, N m (N).
         effort: The largest torque, N m, or force, N, of its drive; NaN where it is not known.
         payload: The largest mass that the arm may carry, kg.
+        links: Poses of links that are fixed to it, in its own frame, m, `(4, 4)`, by name.
     """
 
     before: str | None
@@ -230,6 +280,7 @@ class JointFrame(NamedTuple):
     friction: float = 0.0
     effort: float = np.nan
     payload: float = np.inf
+    links: Mapping[str, Array] = MappingProxyType({})
 
 
 def frames_of(chain: LinkChain | None, names: Sequence[str]) -> dict[str, JointFrame]:
@@ -243,6 +294,9 @@ def frames_of(chain: LinkChain | None, names: Sequence[str]) -> dict[str, JointF
             (None, *names), names, chain.origins, chain.axes, chain.slides, tools, strict=False
         )
     }
+    for link, (joint, pose) in chain.links.items():
+        own = found[names[joint]]
+        found[names[joint]] = own._replace(links={**own.links, link: pose})
     masses = chain.masses
     if isinstance(masses, Masses):
         columns = masses.bodies, masses.damping, masses.friction, masses.effort
@@ -294,24 +348,42 @@ def linked(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain:
     own = [frames[name] for name in names]
     axes = np.array([frame.axis for frame in own])
     slides = np.array([frame.slides for frame in own])
-    return LinkChain(np.array(origins), axes, slides, own[-1].tool, _masses(frames, names))
+    links = {
+        link: LinkFrame(names.index(at), pose @ own)
+        for name, at, pose in _carried(frames, names)
+        for link, own in frames[name].links.items()
+    }
+    masses = _masses(frames, names)
+    return LinkChain(np.array(origins), axes, slides, own[-1].tool, masses, links)
+
+
+def _carried(
+    frames: Mapping[str, JointFrame], names: Sequence[str]
+) -> Iterator[tuple[str, str, Array]]:
+    """Yield the joints whose links some joints move, each with the joint that moves it.
+
+    Joints without a name among these stay at 0. The pose is that of a joint's frame in the frame of
+    the joint that moves it.
+    """
+    for name in frames:
+        pose = np.eye(4)
+        at: str | None = name
+        for _ in frames:  # no longer than the robot, even in a loop
+            if at is None or at in names or at not in frames:
+                break
+            pose, at = frames[at].origin @ pose, frames[at].before
+        if at is not None and at in names:
+            yield name, at, pose
 
 
 def _masses(frames: Mapping[str, JointFrame], names: Sequence[str]) -> Masses | InvalidInput | None:
     """Return what some joints move; all others stay at 0."""
     bodies = dict.fromkeys(names, np.zeros((4, 4)))
-    for name, frame in frames.items():
-        pose = np.eye(4)
-        at: str | None = name
-        for _ in frames:  # no longer than the robot, even in a loop
-            if at in bodies or at is None:
-                break
-            pose, at = frames[at].origin @ pose, frames[at].before
-        if at not in bodies:  # it does not move
-            continue
-        if not isinstance(frame.body, np.ndarray):
-            return frame.body
-        bodies[at] = bodies[at] + pose @ frame.body @ pose.T
+    for name, at, pose in _carried(frames, names):
+        own_body = frames[name].body
+        if not isinstance(own_body, np.ndarray):
+            return own_body
+        bodies[at] = bodies[at] + pose @ own_body @ pose.T
     last = names[-1]
     if not bodies[last].any():
         right = "a link with a mass behind the last joint"

@@ -44,6 +44,10 @@ _ELSEWHERE = {
         "masses have places of their own in this tool; the nearest are [dynamics] and [payload] of "
         "a problem file, <inertial> of a URDF, or --payload (kg)"
     ),
+    r"\w*(elbow|link|flange|wrist)\w*(speed|velocity)\w*": (
+        "the speed of a link has a name of its own in this tool; the nearest is limits.link_speed "
+        "of a problem file, or --link-speed forearm_link=0.5 (m/s), with known link frames"
+    ),
     r"\w*(tcp|tool|cartesian|end_effector)\w*|ee_\w+": (
         "of the tool's limits, that of its speed is in this tool; the nearest is limits.tool_speed "
         "of a problem file, or --tool-speed (m/s), with a robot whose link frames are known"

@@ -71,8 +71,10 @@ class Problem:
                 known = f"{fields}, {', '.join(DEMANDS)}"
                 raise WrongType(f"Problem takes no {key}: {out_of_scope(key) or f'it has {known}'}")
         route = Route(waypoints, {**demands, **by_key})
-        limits = limits.for_chain(chain)
         self._hold(route, limits, name, source, tuple(joint_names), tuple(joint_units), chain)
+        if chain is not None:
+            chain = chain.named(self.joint_labels)
+        limits = self.__dict__["limits"] = limits.for_chain(chain)
         if limits.joints != self.joints:
             expected = f"{self.joints} values, one per joint of the waypoints"
             raise InvalidInput("limits.velocity", expected, value=limits.joints)

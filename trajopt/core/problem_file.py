@@ -39,7 +39,8 @@ file replace the robot's of the same kind, and joint names choose from the robot
     robot = "ur5e"                       # in place of some or all limits; `trajopt list` has more
     joint_names = ["elbow_joint", ...]   # one per column of the waypoints; optional everywhere
 
-The link frames of the joints, in place of the robot's, for limits that need them (`tool_speed`):
+The link frames of the joints, in place of the robot's, for limits that need them (`tool_speed`,
+`link_speed`):
 
     chain.xyz = [[0, 0, 0.16], ...]      # m, as in a URDF's <origin>, of each joint
     chain.rpy = [[0, 0, 0], ...]         # rad

@@ -173,7 +173,7 @@ class RobotLimits:
         chain = linked(self.frames, joint_names)
         if self.payload is not None:
             chain = chain.carrying({"mass": self.payload})
-        return found.for_chain(chain)
+        return found.for_chain(chain.named(joint_names))
 
     def _other(self, key: str, joint_names: Sequence[str]) -> Limit:
         """A limit of another kind, of these joints; NaN for those that it does not bound."""

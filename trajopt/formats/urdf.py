@@ -223,29 +223,33 @@ def _frames(root: Element, moving: Collection[str], source: str) -> dict[str, Jo
         found[name] = JointFrame(before, origin, axis, joint.get("type") == "prismatic", tool)
     links = {link.get("name", ""): link for link in root.iterfind("link")}
     for name, frame in found.items():
+        fixed: dict[str, Array] = {}
         try:
-            body = _body(moved[name], below, links, found)
+            for link, pose in _fixed(moved[name], below, found):
+                fixed[link] = pose
+            body = np.zeros((4, 4))
+            for link in [own for own in fixed if own in links]:
+                body += fixed[link] @ _inertial(links[link]) @ fixed[link].T
             damping, friction, effort = _drive(moved[name])
             found[name] = frame._replace(
                 body=body, damping=damping, friction=friction, effort=effort
             )
         except InvalidInput as error:
             found[name] = frame._replace(body=error.in_file(source))
+        found[name] = found[name]._replace(links=fixed)
     return found
 
 
-def _body(
-    joint: Element,
-    below: Mapping[str, list[Element]],
-    links: Mapping[str, Element],
-    moving: Collection[str],
-) -> Array:
-    """Return what moves with a joint, in its frame; joints behind it that move have their own.
+def _fixed(
+    joint: Element, below: Mapping[str, list[Element]], moving: Collection[str]
+) -> Iterator[tuple[str, Array]]:
+    """Yield the links that move with a joint, and their poses in its frame.
+
+    Joints behind it that move have their own.
 
     Raises:
-        InvalidInput: Names the link and what would be right; or a joint behind it without a frame.
+        InvalidInput: Names a joint behind it without a frame.
     """
-    total = np.zeros((4, 4))
     left = [(_link(joint, "child"), np.eye(4))]
     seen = set()
     while left:
@@ -253,9 +257,7 @@ def _body(
         if name in seen:
             continue
         seen.add(name)
-        if name in links:
-            own = _inertial(links[name])
-            total += pose @ own @ pose.T
+        yield name, pose
         for following in below.get(name, []):
             if following.get("name") in moving:
                 continue
@@ -263,7 +265,6 @@ def _body(
                 right = "a joint whose frame is sound, as it moves a mass"
                 raise InvalidInput("joint", right, value=following.get("name"))
             left.append((_link(following, "child"), pose @ _origin(following)))
-    return total
 
 
 def _inertial(link: Element) -> Array:

@@ -14,7 +14,9 @@ In reading order:
 - `segment_tables`: limits of one segment in a problem file;
 - `falling_velocity`: a velocity limit that falls towards the ends of a joint's range;
 - `link_frames`: the frames of links among the numbers of a kind;
+- `point_speed`: the speed of points that are fixed to links;
 - `tool_speed`: the speed of the tool;
+- `link_speed`: the speed of named links;
 - `torque`: the torques of the drives.
 
 A new kind is a subclass of `RowLimit` or `Limit` in a file of its own, imported here. Files,
@@ -36,6 +38,9 @@ from trajopt.core.limits.tool_speed import ToolSpeed
 # isort: split
 from trajopt.core.limits.torque import Torque
 
+# isort: split
+from trajopt.core.limits.link_speed import LinkSpeed
+
 __all__ = [
     "KINDS",
     "LIMIT_NAMES",
@@ -49,6 +54,7 @@ __all__ = [
     "Limit",
     "LimitName",
     "Limits",
+    "LinkSpeed",
     "Position",
     "Quantity",
     "Row",

@@ -120,6 +120,21 @@ class FramesLimit(RowLimit):
         each, usual = self.numbers[segment, :, 0], self.usual.numbers[:, 0]
         return None if np.array_equal(each, usual, True) else self.stated(each)
 
+    def table(self) -> Any:
+        if self.segments is not None:
+            return self.usual.table()
+        limited = self.stated(self.numbers[:, 0])
+        if not self.is_complete:
+            return limited
+        begin, found = 0, {}
+        for field in self.fields:
+            found[field.name] = field.written(self.numbers[:, begin : begin + field.columns])
+            begin += field.columns
+        return {**found, self.fields[0].name: limited}
+
+    def converted(self, sizes: Array) -> Self:
+        return self  # its lengths are metres
+
     def stated(self, column: Array) -> Any:
         """Return its first column, `(joints,)`, as a file states it."""
         raise NotImplementedError

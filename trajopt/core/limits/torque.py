@@ -129,18 +129,6 @@ class Torque(FramesLimit):
             return f"{-100 * column[0]:.12g} %"
         return np.nan_to_num(column, nan=np.inf).tolist()
 
-    def table(self) -> Any:
-        if self.segments is not None:
-            return self.usual.table()
-        torque = self.stated(self.column("torque"))
-        if not self.is_complete:
-            return torque
-        begin, found = 0, {}
-        for field in self.fields:
-            found[field.name] = field.written(self.numbers[:, begin : begin + field.columns])
-            begin += field.columns
-        return {**found, "torque": torque}
-
     def for_chain(self, chain: LinkChain | None) -> Limit:
         """Return the limit with an arm's masses, if it has none yet.
 
