@@ -374,7 +374,10 @@ def test_what_a_file_of_limits_says_in_vain(run):
     code, _, err = run(f"plan w.csv {ROBOT} --out motion.json")
     assert (code, err.count("\n")) == (0, 3)
     assert "limits.yaml: cartesian_limits is left out: of the tool's limits, that" in err
-    assert "limits.yaml: max_effort is left out: torques have a name of their own" in err
+    words = (
+        "limits.yaml: efforts, which count where a limit of torque asks for them (--torque urdf)"
+    )
+    assert words in err
     assert "left out, as robot.urdf has no such joint: onne, gripper" in err
     alone = "joint_limits:\n  onne: {max_velocity: 3}\n  two: {max_velocity: 3}\n"
     Path("limits.yaml").write_text(alone, encoding="utf-8")
@@ -646,6 +649,12 @@ def test_torques_on_the_command_line(run):
         told = json.loads(out)
         acceleration = 4 * 2 / torque
         assert told["certified_duration"] == pytest.approx(2 / acceleration**0.5, rel=1e-3)
+    # of a joint_limits.yaml, which replaces the URDF's
+    Path("limits.yaml").write_text("joint_limits: {one: {max_effort: 4}}", encoding="utf-8")
+    code, out, err = run(
+        f"plan w.csv {flags} --limits limits.yaml --torque urdf --planner along --json"
+    )
+    assert json.loads(out)["certified_duration"] == pytest.approx(2 / 0.5**0.5, rel=1e-3)
     code, out, err = run(f"plan w.csv {flags} --torque 4,inf --planner along --json")
     assert json.loads(out)["certified_duration"] == pytest.approx(2 / 2**0.5, rel=1e-3)
     code, _, err = run(f"plan w.csv {flags} --torque 4")

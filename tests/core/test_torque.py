@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -316,6 +317,17 @@ def test_a_urdf_brings_masses_and_efforts(tmp_path):
     found = np.subtract(own.dynamics.forces(*(list(x[:2]) for x in (q, v, a))), [0.4 * v[0], 0])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     assert own.column("friction").tolist() == [0.2, 0]
+
+
+def test_an_inertia_that_no_body_has_gets_a_line_where_it_counts(tmp_path):
+    """9 % above the sum of the other two, as the Panda's fourth link: no rounding, no refusal."""
+    for izz, said in ((0.0495, 0), (0.0545, 1)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            of_urdf(tmp_path, URDF.replace('izz="0.025"', f'izz="{izz}"'))
+            urdf.read(tmp_path / "arm.urdf").with_acceleration(2.0).limits(["one", "two"])
+        assert len(caught) == said
+        assert all("as no body has it; behind one" in str(own.message) for own in caught)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import FileNote, InvalidInput
 from trajopt.formats import joint_limits
 from trajopt.formats.robot_limits import RobotLimits
 
@@ -50,6 +50,18 @@ def test_limits_by_name_scaled(tmp_path):
     assert limits.jerk.tolist() == expected  # no factor scales jerk
     expected = [[-1, 2], [-np.inf, np.inf]]
     assert limits.position.tolist() == expected
+
+
+def test_efforts_are_torques_where_they_are_asked_for(tmp_path):
+    text = """joint_limits:
+  a: {max_effort: 9, min_effort: -7}
+  b: {max_effort: 5, has_effort_limits: false}
+  c: {max_effort: 0}
+  d: {max_effort: "4.5"}
+"""
+    with pytest.warns(FileNote, match="where a limit of torque asks for them .* of a, d$"):
+        found = joint_limits.read(written(tmp_path, text))
+    assert found.efforts == {"a": 7, "b": np.inf, "d": 4.5}
 
 
 @pytest.mark.parametrize(

@@ -166,6 +166,12 @@ def note_unread(source: str, found: Iterable[str]) -> None:
     note(source, "not read: ", found)
 
 
+def note_unreal(source: str, joints: Iterable[str]) -> None:
+    """Say, with one `FileNote`, of which joints the inertias are no body's (`Masses.unreal`)."""
+    start = "largest moment of inertia above the sum of the other two, as no body has it; behind "
+    note(source, start, joints)
+
+
 def note(source: str, start: str, names: Iterable[str]) -> None:
     """Say something, with one `FileNote`, of some names in a file; nothing where there are none."""
     own = list(dict.fromkeys(names))

@@ -241,6 +241,9 @@ def _chain(
         found = chain_of(frames_of(arm.chain, arm.joint_names), names) if arm else None
         if found is not None and moved is not None:
             found = replace(found, masses=Masses.read(moved, len(slides)))
+    if moved is not None and found is not None and isinstance(found.masses, Masses):
+        labels = names or [f"joint {joint + 1}" for joint in range(found.joints)]
+        keys.note_unreal("dynamics", [labels[joint] for joint in found.masses.unreal])
     for key in ("dynamics", "payload"):
         if found is None and stated[key] is not None:
             raise InvalidInput(key, "link frames beside it: a robot's, or [chain]", value=None)

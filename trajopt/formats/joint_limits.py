@@ -74,11 +74,11 @@ JOINT = {
         f"min_{kind}": Key(keys.number, f"lower side of the {kind} limit, {_PER_S[kind]}")
         for kind in _RATES
     },
-    # Of other uses: efforts, ros2_control's soft limits.
-    "angle_wraparound": Key(keys.flag, "whether the joint turns without end"),
     "has_effort_limits": Key(keys.flag, "whether the effort is limited"),
     "min_effort": Key(keys.number, "lower side of the effort limit"),
-    "max_effort": Key(keys.number, "largest effort", ("effort",)),
+    "max_effort": Key(keys.number, "largest effort, N m (N), for limits of torque", ("effort",)),
+    # Of other uses: ros2_control's soft limits.
+    "angle_wraparound": Key(keys.flag, "whether the joint turns without end"),
     "has_soft_limits": Key(keys.flag, "whether the soft limits count"),
     "k_position": Key(keys.number, "gain of the position in the soft limits"),
     "k_velocity": Key(keys.number, "gain of the velocity in the soft limits"),
@@ -86,7 +86,7 @@ JOINT = {
     "soft_upper_limit": Key(keys.number, "upper soft limit, rad (m)"),
 }
 """The keys of a joint."""
-_READ = {f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "position")}
+_READ = {f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "position", "effort")}
 _SOFT = ("k_position", "soft_lower_limit", "soft_upper_limit")
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
@@ -113,6 +113,8 @@ def read(path: str | Path) -> RobotLimits:
     keys.note_unread(str(path), _unread(table, inner))
     wide = f"ranges beyond {_WIDE:.0f} rad; an angle in degrees is written `!degrees 170`: "
     keys.note(str(path), wide, _wide(limits))
+    asked = "efforts, which count where a limit of torque asks for them (--torque urdf), of "
+    keys.note(str(path), asked, [own for own in limits.efforts if limits.efforts[own] < np.inf])
     note_braking(str(path), _braking_otherwise(inner))
     return limits
 
@@ -207,7 +209,21 @@ def _limits(table: Any, source: str) -> RobotLimits:
         ordered=bool(numbered),
         velocity_scaling=velocity_scaling,
         acceleration_scaling=acceleration_scaling,
+        efforts=dict(_efforts(said)),
     )
+
+
+def _efforts(joints: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the smaller side of each effort limit, N m (N), infinite where it is switched off.
+
+    A number that is none is left out: efforts count for limits of torque alone.
+    """
+    for name, entry in joints.items():
+        low, high = (yaml_file.number(entry.get(f"{side}_effort")) for side in ("min", "max"))
+        if entry.get("has_effort_limits") is False:
+            yield str(name), np.inf
+        elif high is not None and high > 0:
+            yield str(name), min(high, abs(low or high))
 
 
 def _scaling(table: Mapping[str, Any], key: str) -> float:

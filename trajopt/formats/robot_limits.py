@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from trajopt.core.arrays import Array
+from trajopt.core.bodies import Masses
 from trajopt.core.chain import JointFrame, linked
 from trajopt.core.exceptions import FileNote, InvalidInput, nearest
-from trajopt.core.keys import note
+from trajopt.core.keys import note, note_unreal
 from trajopt.core.limits import LIMIT_NAMES, Limit, LimitName, Limits, named
 
 Bounds = tuple[float, float]
@@ -56,6 +57,7 @@ class RobotLimits:
         frames: The joints' frames by their names, where the source has them.
         stated: Limits of the whole robot that a number or a text states, by key.
         payload: Mass at the tool, kg.
+        efforts: The drives' largest torques, N m (N), where the source has no frames of joints.
     """
 
     joints: Mapping[str, JointBounds]
@@ -71,6 +73,7 @@ class RobotLimits:
     frames: Mapping[str, JointFrame] = field(default_factory=dict)
     stated: Mapping[str, float | str] = field(default_factory=dict)
     payload: float | None = None
+    efforts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -103,7 +106,10 @@ class RobotLimits:
             others={**other.others, **self.others},
             unsound={**other.unsound, **self.unsound},
             continuous=self.continuous | other.continuous,
-            frames={**other.frames, **self.frames},
+            frames={
+                name: own._replace(effort=other.efforts.get(name, own.effort))
+                for name, own in {**other.frames, **self.frames}.items()
+            },
         )
 
     def _note_left_out(self, other: RobotLimits) -> None:
@@ -173,6 +179,9 @@ class RobotLimits:
         chain = linked(self.frames, joint_names)
         if self.payload is not None:
             chain = chain.carrying({"mass": self.payload})
+        weighed = any(named(key).of_chain for key in self.stated)
+        if weighed and isinstance(chain.masses, Masses):
+            note_unreal(self.source, [joint_names[own] for own in chain.masses.unreal])
         return found.for_chain(chain.named(joint_names))
 
     def _other(self, key: str, joint_names: Sequence[str]) -> Limit:
