@@ -86,7 +86,9 @@ JOINT = {
     "soft_upper_limit": Key(keys.number, "upper soft limit, rad (m)"),
 }
 """The keys of a joint."""
-_READ = {f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "position", "effort")}
+_READ = {
+    f"{side}_{kind}" for side in ("min", "max") for kind in (*_RATES, "position", "effort")
+} | {"has_effort_limits"}
 _SOFT = ("k_position", "soft_lower_limit", "soft_upper_limit")
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
