@@ -24,9 +24,11 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import OPTIMUM_WITH_POSITION, best_planners
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load, named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
+QUICK = "along"  # answers in seconds where `OPTIMUM_WITH_POSITION` may take minutes
 OPTIMUM_RTOL = 1e-4  # an answer this close to the proved bound, relative, is called the optimum
 # Of answers without a motion the lowest one is shown; all other statuses are 1.
 _ORDER = {Status.INFEASIBLE: 0, Status.UNSUPPORTED: 2}
@@ -44,6 +46,7 @@ class Best:
             limit.
         record: The best known answer of the problem, or None.
         left_out: Kinds of limits that the planner does not know, by their keys.
+        stopped: After how many seconds a planner of all limits was stopped; None if none was.
     """
 
     trial: Trial
@@ -52,6 +55,7 @@ class Best:
     stopping: float | None
     record: Record | None = None
     left_out: tuple[str, ...] = ()
+    stopped: float | None = None
 
     def as_dict(self) -> dict[str, float | None]:
         """Return the entries for JSON, beside the trial's; s."""
@@ -68,6 +72,7 @@ def best(
     seed: int,
     proof_time: float = 0.0,
     tell: Callable[[str], None] = lambda step: None,
+    timeout: float = np.inf,
 ) -> Best:
     """Run the best planners in turn, until an answer keeps all limits.
 
@@ -76,7 +81,8 @@ def best(
     returned. It is dilated if it breaks a limit that no planner knows.
 
     Under limits that depend on position that may take minutes. Where a best known motion of such a
-    problem is recorded, it is the answer, verified now.
+    problem is recorded, it is the answer, verified now. Under limits of several joints together,
+    torques say, a path is timed first (`QUICK`): seconds after `timeout` its motion is the answer.
 
     Args:
         problem: What is planned.
@@ -84,6 +90,7 @@ def best(
         proof_time: s of CPU time for a lower bound, where neither a closed form nor the record
             proves the answer within `OPTIMUM_RTOL`.
         tell: Called with each step, in words, when it begins.
+        timeout: Wall time, s, of the planner that may take minutes.
     """
     relaxed: float | None = None
     trials: list[Trial] = []
@@ -91,6 +98,7 @@ def best(
     reasons = []
     record = records.find(problem)
     names = best_planners(problem)
+    others = problem.limits.others.values()
     known = _known(problem, record) if OPTIMUM_WITH_POSITION in names else None
     if known is not None:
         trials, left_out, names = [known], [()], []
@@ -100,8 +108,18 @@ def best(
         except TrajoptError as error:
             reasons.append(str(error))
             continue
-        tell(f"{own_name} plans")
-        trial = trials_of(planner, problem, [seed], own_name)[0]
+        if name == OPTIMUM_WITH_POSITION and not all(own.separate for own in others):
+            tell(f"{QUICK} times a path")
+            quick = trials_of(load(QUICK), problem, [seed], QUICK)[0]
+            trials.append(quick)
+            left_out.append(())
+            first = quick.certified_duration
+            known_s = f"{QUICK} takes {first:.4g} s; " if first else ""
+            tell(f"{known_s}{own_name} looks for less, which may take minutes")
+            trial = _within(timeout, planner, own_name, problem, seed)
+        else:
+            tell(f"{own_name} plans")
+            trial = trials_of(planner, problem, [seed], own_name)[0]
         trials.append(trial)
         left_out.append(tuple(planner.unknown(problem)))
         ignores = bool(left_out[-1])
@@ -129,7 +147,18 @@ def best(
         stopping=_stopping(problem),
         record=record,
         left_out=left_out[chosen],
+        stopped=timeout if any(own.status is Status.TIMEOUT for own in trials) else None,
     )
+
+
+def _within(timeout: float, planner: Planner, name: str, problem: Problem, seed: int) -> Trial:
+    """Return a planner's trial, stopped after some seconds: in a process of its own."""
+    if timeout == np.inf:
+        return trials_of(planner, problem, [seed], name)[0]
+    from trajopt.benchmark.run.runner import Supervised  # late: needs cloudpickle
+
+    with closing(Supervised((name, planner), problem, timeout=timeout)) as supervised:
+        return supervised.trials(problem, [seed])[0]
 
 
 def _known(problem: Problem, record: Record | None) -> Trial | None:

@@ -650,7 +650,7 @@ def test_torques_on_the_command_line(run):
         acceleration = 4 * 2 / torque
         assert told["certified_duration"] == pytest.approx(2 / acceleration**0.5, rel=1e-3)
     # of a joint_limits.yaml, which replaces the URDF's
-    Path("limits.yaml").write_text("joint_limits: {one: {max_effort: 4}}", encoding="utf-8")
+    Path("limits.yaml").write_text("joint_limits: {one: {max_effort: 1}}", encoding="utf-8")
     code, out, err = run(
         f"plan w.csv {flags} --limits limits.yaml --torque urdf --planner along --json"
     )

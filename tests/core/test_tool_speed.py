@@ -11,6 +11,8 @@ from baselines.along.planner import Along
 from baselines.lower_bound.planner import Prove
 from soaks import arms
 from trajopt import Limits, Problem, Trajectory
+from trajopt.best_planner import best
+from trajopt.cli.best_words import sentences
 from trajopt.core import arm_file
 from trajopt.core.chain import LinkChain
 from trajopt.core.exceptions import InvalidInput
@@ -165,3 +167,20 @@ def test_a_bound_knows_the_chords_and_its_proof_is_checked_again():
     assert prover.stored_bound(problem, found.stats) == pytest.approx(found.lower_bound, rel=1e-9)
     slower = replace(problem, demands={"given_times": [3.0]})
     assert prover.solve(slower).lower_bound <= 3.0
+
+
+def test_a_planner_that_takes_long_is_stopped_and_a_path_is_timed(tmp_path):
+    file = tmp_path / "links.toml"
+    file.write_text(TWO_LINKS, encoding="utf-8")
+    problem = Problem.from_toml(file)
+    steps = []
+    found = best(problem, 0, tell=steps.append, timeout=0.001)
+    assert found.trial.planner == "along"
+    assert found.proved == pytest.approx(
+        problem.limits.others["tool_speed"].least_times(problem).sum()
+    )
+    duration = verify(problem, Along().solve(problem).trajectory).certified_duration
+    assert found.trial.certified_duration == pytest.approx(duration, rel=1e-9)
+    assert any("collocation-refined looks for less, which may take minutes" in own for own in steps)
+    said = " ".join(sentences(found))
+    assert "collocation-refined was stopped after 0.001 s (`--timeout`)" in said

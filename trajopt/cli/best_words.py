@@ -8,7 +8,7 @@ from math import floor, log10
 import numpy as np
 
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.best_planner import OPTIMUM_RTOL, Best
+from trajopt.best_planner import OPTIMUM_RTOL, QUICK, Best
 from trajopt.core.limits import KINDS
 from trajopt.explain.references import BEST_KNOWN, OPTIMUM_WITH_POSITION, THROUGH_WAYPOINTS
 
@@ -47,6 +47,11 @@ def _planner(found: Best) -> str:
         return (
             f"This is the best known motion, {found.record.motion}, verified anew "
             f"(`--planner {OPTIMUM_WITH_POSITION}` plans one)."
+        )
+    if found.stopped is not None and name == QUICK:
+        return (
+            f"{OPTIMUM_WITH_POSITION} was stopped after {found.stopped:g} s (`--timeout`): this is "
+            f"the fastest motion of {QUICK} along a spline."
         )
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."

@@ -103,7 +103,7 @@ def plan(
     found = None
     with console.waiting(f"planning {asked_for.name}", long=True) as tell:
         if planner is None:
-            found = best(planned, seed, _PROOF_TIME_S, tell)
+            found = best(planned, seed, _PROOF_TIME_S, tell, timeout)
             trial = found.trial
         else:
             with closing(Supervised(planner, planned, timeout=timeout)) as chosen:

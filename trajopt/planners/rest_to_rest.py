@@ -38,9 +38,9 @@ def end_to_end_bound(problem: Problem) -> float:
     It is the larger of two relaxations. The first one, for motions from rest to rest, is every
     joint alone, straight from the first to the last waypoint; with two waypoints and symmetric jerk
     limits that is the optimum. The second one is every segment at full velocity, or in its least or
-    given time. Waits are added. A time that is asked of the whole motion is a bound too. Position
-    limits, and waypoints that a motion may miss by rounding, are left out. With a tolerance each
-    segment is as short as it allows.
+    given time, or in that which a limit implies (`Limit.least_times`). Waits are added. A time that
+    is asked of the whole motion is a bound too. Position limits, and waypoints that a motion may
+    miss by rounding, are left out. With a tolerance each segment is as short as it allows.
     """
     left_out = [DEMANDS[key].left_out for key in problem.demands]
     way = problem.waypoints[-1] - problem.waypoints[0]
@@ -57,7 +57,8 @@ def end_to_end_bound(problem: Problem) -> float:
     r = route.demand("tolerance")
     cruising = np.maximum(np.abs(h) - r[:-1] - r[1:], 0.0) / top
     least = route.demand("least_times") + route.demand("given_times")
-    longest = np.maximum(cruising.max(axis=1), least)
+    of_limits = [own.least_times(passed) for own in passed.limits.others.values()]
+    longest = np.maximum.reduce([cruising.max(axis=1), least, *of_limits])
     bound = max(straight.max(), longest.sum()) + route.demand("dwell").sum()
     asked = route.demand("least_duration") + route.demand("duration")
     return max(float(bound) * (1 - _ROUNDING_RTOL), float(asked))
