@@ -67,6 +67,9 @@ def test_it_runs_where_nothing_of_ours_can_be_imported():
         "edges-dense-end",  # the same, of fewer waypoints than the problem has
         "moving-random-73",  # waypoints that rounding may miss, beside moving ends
         "demands-random-110",  # segments that may take no time
+        "arms-kinova-gen3-tool-1000",  # ways of a tool beside the joints' limits
+        "arms-ur5e-tool-250",  # these ways alone, in closed form
+        "arms-ur5e-torque-60",  # torques are left out
     ],
 )
 def test_a_stored_proof_proves_what_is_recorded_and_no_more(checked, name):
@@ -117,6 +120,35 @@ def no_multipliers(said):
 def test_a_tampered_proof_fails(checked, tamper):
     said = record("six-axis")
     tamper(said)
+    code, _ = checked(text(said))
+    assert code
+
+
+def faster_tool(rows):
+    for row in rows:
+        row[0] *= 1.001
+
+
+def smaller_arm(rows):
+    for row in rows:
+        for length in (4, 8, 12, 17, 18, 19):  # of the origins and the tool
+            row[length] *= 0.999
+
+
+def no_tool_speed(rows):
+    for row in rows:
+        row[0] = None
+
+
+@pytest.mark.parametrize("name", ["arms-six-axis-tool-250", "arms-ur5e-tool-250"])
+@pytest.mark.parametrize("tamper", [faster_tool, smaller_arm, no_tool_speed])
+def test_the_ways_of_a_tampered_arm_are_no_proof(checked, name, tamper):
+    """With the old digest the file is refused; with a new one the ways are shorter."""
+    said = record(name)
+    tamper(said["problem"]["limits"]["tool_speed"])
+    with pytest.raises(check_proof.NoProof, match="digest"):
+        check_proof.stated(check_proof.read(text(said))["problem"])
+    said["problem"]["digest"] = check_proof.digest(check_proof.read(text(said))["problem"])
     code, _ = checked(text(said))
     assert code
 

@@ -274,8 +274,8 @@ def problem_pages() -> None:
 {len(rows)} problems, {closed} of them closed:
 the best known motion is proved to be within 0.1 % of the minimum time. [The open ones](open.md)
 have a page. Click a heading to sort.
-The {len(every) - len(files)} problems of the suites `moving`, `sections`, `demands` and `mixes`
-have records without pages: `trajopt best-known list`.
+The {len(every) - len(files)} problems of the suites `moving`, `sections`, `demands`, `mixes` and
+`arms` have records without pages: `trajopt best-known list`.
 
 <div class="sortable"></div>
 
@@ -310,6 +310,8 @@ def hindrances(problem: Problem) -> list[str]:
     tiny = sizes < _TINY * sizes.max()
     if tiny.any():
         found.append(f"tiny steps: {tiny.sum()} of {len(steps)}")
+    if "tool_speed" in problem.limits.others:
+        found.append("the tool's way is no straight line")
     if "closed" in problem.demands:
         found.append("free ends")
     if problem.limits.segments is not None and problem.has("jerk"):
@@ -383,6 +385,7 @@ segment times ([how](../mathematics/bounds.md)), for 60 CPU s each, the walk for
   waypoints out, or splits a segment's time near 0, where most of its inequalities say nothing.
 - *Tiny steps*: the gap comes from the square tangents of tiny segments. No single one accounts for
   it, and a tree would have to split all at once.
+- *The tool's way is no straight line* under joint limits, and the bound counts the straight one.
 - *Free ends* of a closed motion, *jerk by segment*: more variables to split; nothing closer is
   known.
 

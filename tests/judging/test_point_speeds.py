@@ -89,6 +89,21 @@ def test_the_planner_and_the_kernel_prove_the_same():
     assert proved_bounds.proved_bound(two_links(tool_speed=0.6), proof) < again * 5 / 6 * 1.001
 
 
+def test_ways_of_a_tool_join_the_limits_of_the_joints():
+    """The chord of the first segment and the joints' time of the second one, in one proof."""
+    problem = two_links(tool_speed=[0.5, np.inf])
+    found = Prove().solve(problem)
+    proof = vars(BoundProof.stored(found.stats))
+    (chord, _), free = chords(problem), Prove().solve(two_links())
+    # from any velocity at the corner joint 2 goes 180 degrees and rests: at 9 rad/s, 9 rad/s²
+    second = pi / 9
+    bound = proved_bounds.proved_bound(problem, proof)
+    assert bound >= (chord + second) * (1 - 2e-4) > free.lower_bound
+    for faster in (0.505, 0.6):
+        less = proved_bounds.proved_bound(two_links(tool_speed=[faster, np.inf]), proof)
+        assert less < bound - 0.9 * chord * (1 - 0.5 / faster)
+
+
 def test_waypoints_that_rounding_may_miss_have_no_ways_of_their_own():
     """Between the two others the way is straight; the bound counts it, the search does not."""
     dense = np.linspace([0.0, 0.0], [1e-3, 1e-3], 4)

@@ -466,17 +466,16 @@ def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> ExactProblem
     problem = stated(said)
     numbers = distinct_waypoints(problem)
     problem = through(problem, numbers)
-    if proof.get("waypoints"):
-        problem = through_stated(problem, proof["waypoints"])
-        numbers = [numbers[int(k)] for k in proof["waypoints"]]
-    elif not said.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
+    chosen = proof.get("waypoints")
+    if not chosen and not said.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
         resolved = resolved_waypoints(problem)
         problem = through(problem, resolved)
         numbers = [numbers[k] for k in resolved]
     if not problem.times_are_given:
-        chords = chord_times(said, numbers)
-        least = list(map(max, problem.least_times, chords))
+        least = list(map(max, problem.least_times, chord_times(said, numbers)))
         problem = replace(problem, least_times=least)
+    if chosen:
+        problem = through_stated(problem, chosen)
     if proof.get("joints"):
         problem = of_stated_joints(problem, proof["joints"])
     return of_moving_joints(problem)

@@ -294,8 +294,8 @@ def test_a_file_that_was_changed_and_sealed_is_not_listed(asked, tmp_path):
 
 
 def test_all_files_together_stay_small():
-    """681 records; the four largest take 8 MB, those of moving, sections and demands 12 MB."""
-    assert sum(file.stat().st_size for file in FILES) < 27.5e6
+    """698 records; the four largest take 8 MB, those of moving, sections and demands 12 MB."""
+    assert sum(file.stat().st_size for file in FILES) < 28e6
 
 
 @pytest.mark.parametrize(

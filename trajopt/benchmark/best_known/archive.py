@@ -147,8 +147,9 @@ def _card(found: Sequence[Record]) -> str:
 
 {len(found)} problems of {min(joints)} to {max(joints)} joints and {min(waypoints)} to \
 {max(waypoints)} waypoints: pass these
-points within these limits of velocity, acceleration, jerk or position, as fast as you can. For each
-there is the shortest motion that anyone has found, and a lower bound that no motion beats, with its
+points within these limits of velocity, acceleration, jerk or position (some of the tool's speed or
+of torques), as fast as you can. For each there is the shortest motion that anyone has found, and a
+lower bound that no motion beats, with its
 proof. {closed} are closed: both are less than {100 * CLOSED_WITHIN:g} % apart. The other \
 {len(found) - closed} are open.
 
@@ -183,8 +184,8 @@ families drawn from seeds, published papers, and the test suites of toppra, Ruck
 
 ## Limits
 
-Joint space only: no obstacles, no torques. Motions are exact polynomials, not tested on robots. A
-lower bound is proved for the stated numbers, read as exact binary fractions. Open problems are no
+No obstacles. Bounds leave torques out. Motions are exact polynomials, not tested on robots. A lower
+bound is proved for the stated numbers, read as exact binary fractions. Open problems are no
 sample of hard ones: they are those that our proofs do not close.
 
 ## License and citation

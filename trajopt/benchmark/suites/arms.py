@@ -114,6 +114,4 @@ def _named(name: str) -> Problem | None:
     return _made(*match.groups()) if match and match.groups() in _PROBLEMS else None
 
 
-SUITE = Suite(
-    "arms", "arms with tool speed and torque limits", VERSION, _stream, _named, recorded=False
-)
+SUITE = Suite("arms", "arms with tool speed and torque limits", VERSION, _stream, _named)
