@@ -27,7 +27,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import spline353
-from trajopt.planners.reductions import EQUAL_WAYPOINTS, RESTING_JOINTS, SIMPLEST
+from trajopt.planners.reductions import RESTING_JOINTS, SIMPLEST
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
@@ -40,10 +40,10 @@ _INCUMBENT_SHARE = 0.3
 _SECONDS_PER_CELL = 5e-3
 # Splits without progress before all waypoints count.
 _FEW_IDLE_SPLITS = 3
-# Segments from which on a problem within tolerance is bounded by its decisive parts first; the
-# largest loss of time of a part, whose proof is quick, and its factor from one part to the next.
+# Segments from which on a problem within tolerance is bounded by its decisive parts first; what the
+# first part may lose at least, whose proof is quick; and the factor from one part to the next.
 _MANY_SEGMENTS = 8
-_QUICK_LOSS = 4e-3
+_QUICK_LOSS = 5e-3
 _LOSS_FACTOR = 4.0
 # A part is proved to this share of the time that it may lose.
 _SHARE_OF_LOSS = 0.25
@@ -116,8 +116,12 @@ def prove(
     simpler = SIMPLEST.apply(problem)
     if family == "free":
         given = None
-        if known is not None and not EQUAL_WAYPOINTS.accepts(problem):
-            given = kept(simpler, RESTING_JOINTS.reduced(problem, known))
+        if known is not None:
+            _, index = problem.merged()
+            passed = known.waypoint_times[np.diff(index, prepend=-1) > 0]
+            given = kept(
+                simpler, RESTING_JOINTS.reduced(problem, replace(known, waypoint_times=passed))
+            )
         bound = _free(simpler, within, late, time_limit, given)
     else:
         bound = _spline353(simpler, within, late)
@@ -227,7 +231,7 @@ def _outcomes(
     many = "tolerance" in problem.demands and problem.segments > _MANY_SEGMENTS
     if many and best is not None and not problem.has("jerk") and not _given(problem):
         losses = [max(within / 2, decisive.LEAST_LOSS)]
-        while losses[-1] * _LOSS_FACTOR <= _QUICK_LOSS:
+        while losses[-1] < _QUICK_LOSS:
             losses.append(losses[-1] * _LOSS_FACTOR)
         for part in reversed(decisive.parts(problem, known, losses, late)):
             asked = max(within / 2, _SHARE_OF_LOSS * part.loss)

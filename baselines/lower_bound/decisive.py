@@ -40,6 +40,10 @@ class DecisivePart(NamedTuple):
     known: Incumbent
     loss: float
 
+    @property
+    def size(self) -> int:
+        return len(self.waypoints) + len(self.joints)
+
 
 def parts(
     problem: Problem, duration: float, losses: Sequence[float], late: Callable[[], bool]
@@ -53,14 +57,17 @@ def parts(
         late: Returns whether the time is over; fewer parts are the answer then.
     """
     search = _Thinning(problem, late)
-    search.grow(duration * (1 - losses[0] / 2))
+    if search.grow(duration * (1 - losses[0] / 2)) and search.motion is not None:
+        # a motion through all waypoints that is faster than the one known
+        duration = min(duration, search.motion.duration)
     found: list[DecisivePart] = []
     for loss in losses:
         search.thin(duration * (1 - loss))
         part = search.part(loss)
         if part is None or late():
             break
-        found.append(part)
+        if not found or part.size < found[-1].size:
+            found.append(part)
     return found
 
 
@@ -77,21 +84,36 @@ class _Thinning:
         self.joints = list(range(problem.joints))
         self.motion: Trajectory | None = None
 
-    def grow(self, least: float) -> None:
-        """Add the waypoints that a motion through the others misses, until it takes as long."""
+    def grow(self, least: float) -> bool:
+        """Add the waypoints that a motion through the others misses, until it takes as long.
+
+        Returns:
+            Whether it passes all of them before.
+        """
         while not self.late():
             self.motion = self._motion(self.kept, self.joints)
             if self.motion is None or self.motion.duration >= least:
-                return
+                return False
             missed = _missed(self.problem, self.kept, self.motion)
             if not missed:
-                return
+                return True
             self.kept[missed] = True
+        return False
 
     def thin(self, least: float) -> None:
-        """Leave out each joint and waypoint without which the others take as long."""
+        """Leave out each joint and waypoint without which the others take as long.
+
+        Waypoints beside short segments are tried first: these are the hardest to bound.
+        """
         self._leave_joints(least)
-        for waypoint in np.flatnonzero(self.kept & ~self.stays).tolist():
+        if self.motion is None:
+            return
+        briefest = np.full(len(self.kept), np.inf)
+        times = np.diff(self.motion.waypoint_times)
+        briefest[np.flatnonzero(self.kept)[1:-1]] = np.minimum(times[:-1], times[1:])
+        for waypoint in briefest.argsort()[: np.isfinite(briefest).sum()].tolist():
+            if self.stays[waypoint]:
+                continue
             fewer = self.kept.copy()
             fewer[waypoint] = False
             self._take(fewer, self.joints, least)

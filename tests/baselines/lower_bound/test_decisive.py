@@ -54,3 +54,14 @@ def test_parts_of_smaller_losses_count_more():
     assert coarse.waypoints.tolist() == [0, 11]
     assert coarse.known.duration == pytest.approx(2 * np.sqrt(0.1 / A), rel=1e-4)
     assert not decisive.parts(ended, optimum, [2e-4], lambda: True)
+
+
+def test_a_motion_of_equal_waypoints_is_the_target_too():
+    problem = there_and_back()
+    every = [0, *range(6), *range(5, 12)]
+    twice = Problem(problem.waypoints[every], problem.limits, tolerance=TOLERANCE)
+    motion = Prove(within=1e-3, time_limit=20).solve(problem).trajectory
+    known = replace(motion, waypoint_times=motion.waypoint_times[every])
+    bound = prove(twice, within=1e-3, time_limit=20, known=known)
+    assert bound.upper_bound == pytest.approx(motion.duration, rel=1e-12)
+    assert OPTIMUM * (1 - 1e-3) <= bound.lower_bound <= OPTIMUM
