@@ -14,6 +14,7 @@
   mrad and another anchor of 10 mrad: CPU s of a step;
 - search: the answer over that of `exact`'s full search, from ten guesses to the last digit;
 - jerk: the same chunks with jerk limits of 200 rad/s³, one call a chunk;
+- quick: these with `QUICK`, without the full search;
 - rivals: what is done today, at the chunk's own times and played as fast as the answer.
 
 Rivals that send positions step by step are joined by lines, as a controller joins positions. Their
@@ -90,12 +91,15 @@ def row(method: str, answer: ChunkAnswer, seconds: float) -> dict[str, Any]:
     }
 
 
-def alone(kind: str, number: int, *, jerk: bool = False) -> Iterator[dict[str, Any]]:
+def alone(
+    kind: str, number: int, *, jerk: bool = False, quick: bool = False
+) -> Iterator[dict[str, Any]]:
     """Plan a chunk by itself."""
     asked = chunk(kind, number, jerk=jerk)
     began = time.process_time()
-    answer = asked.fastest()
-    yield row("jerk" if jerk else "single", answer, time.process_time() - began)
+    (answer,) = answers([asked], quick=quick)
+    name = ("quick" if quick else "jerk") if jerk else "single"
+    yield row(name, answer, time.process_time() - began)
 
 
 def bounds(kind: str, number: int) -> Iterator[dict[str, Any]]:
@@ -306,7 +310,7 @@ def main(
     quick: bool = False,
     draw: Path | None = None,
     only: Literal[
-        "all", "answers", "single", "steps", "rivals", "search", "bounds", "jerk"
+        "all", "answers", "single", "steps", "rivals", "search", "bounds", "jerk", "quick"
     ] = "all",
 ) -> None:
     """Measure what is missing, and print medians.
@@ -326,6 +330,7 @@ def main(
         "search": (searched, each[2] // len(KINDS)),
         "bounds": (bounds, each[2] // len(KINDS)),
         "jerk": (partial(alone, jerk=True), each[2] // len(KINDS)),
+        "quick": (partial(alone, jerk=True, quick=True), each[1] // len(KINDS)),
     }
     cells: dict[Any, Any] = {}
     for question, (measure, most) in sizes.items():

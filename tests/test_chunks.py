@@ -8,6 +8,7 @@ from trajopt import InvalidInput, Limits
 from trajopt.benchmark.suites.chunks import KINDS, targets
 from trajopt.chunks import DilatedSpline, answers, from_samples, take_over
 from trajopt.core.chain import LinkChain
+from trajopt.core.solution import Solution, Status
 
 V, A = 2.0, 10.0
 ONE = Limits(velocity=[V], acceleration=[A])
@@ -158,6 +159,35 @@ def test_under_jerk_limits_the_spline_takes_over_with_its_acceleration():
     assert answer.trial.planner == "spline"
     for order in (0, 1, 2):
         assert answer.motion(0.0, order) == pytest.approx(running(at, order), abs=1e-6)
+
+
+def test_a_quick_answer_under_jerk_limits_is_the_closed_form_of_a_straight_chunk():
+    limits = Limits(velocity=[V], acceleration=[A], jerk=[100.0])
+    straight = from_samples(np.linspace(0, 1, 30)[:, None], limits, rate=30)
+    (answer,) = answers([straight], quick=True)
+    assert answer.trial.planner == "few-targets"
+    assert answer.duration == pytest.approx(1 / V + V / A + A / 100, rel=1e-9)
+
+
+def test_under_jerk_limits_the_quick_answer_stands_where_the_search_has_none():
+    limits = Limits(velocity=[V] * 3, acceleration=[A] * 3, jerk=[200.0] * 3)
+    rows = targets("noisy", 0, 16, 3)
+    chunk = from_samples(rows, limits, rate=30)
+
+    def stopped(problem):
+        return Solution(Status.FAILED, message="stopped")
+
+    (answer,) = answers([chunk], planner=stopped)
+    assert answer.trial.planner == "few-targets"
+    faster = from_samples(rows, THREE, rate=30).fastest()
+    assert faster.duration < answer.duration < 0.5 * answer.spline
+    assert answer.deviation <= 0.005 * (1 + 1e-9)
+    running = chunk.spline.motion(chunk.problem)
+    back = take_over(running, 99.0, rows[::-1][1:], limits, rate=30)
+    assert back.trial.planner == "few-targets"
+    assert back.duration == pytest.approx(answer.duration, rel=5e-2)
+    given = answers([chunk], "at-given-times", quick=True)[0]
+    assert given.trial.planner == "spline"
 
 
 def test_after_its_end_a_motion_that_runs_is_at_rest():

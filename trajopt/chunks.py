@@ -48,6 +48,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.tables import frozen
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import keeping, keeps, verify
+from trajopt.planners.few_targets import FewTargets
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.registry import load
 
@@ -57,6 +58,8 @@ TOLERANCE = 0.005
 
 _PLANNER, _JERK_PLANNER = "exact:within=1e-4", "exact-jerk"
 _BOUNDED_PLANNER = "exact:within=1e-3,starts=3"
+QUICK = "few-targets", FewTargets()
+"""A planner under jerk limits that answers in some tenths of a second, with its name."""
 _SPLINE = "spline"
 # Dilations of a spline that begins or ends in motion: the largest tried, and the factor of two
 # between which the least one lies is halved so often.
@@ -293,10 +296,10 @@ def take_over(
 ) -> ChunkAnswer:
     """Return the motion through new targets that takes over from one that runs, in bounded time.
 
-    A few initial guesses are tried, then the spline, and nothing slow. Under jerk limits the
-    spline alone is as quick, so it is the answer. Where there is none, `motion` is None: the
-    running motion then goes on; it ends at rest, as every answer does that is not asked to end in
-    motion.
+    A few initial guesses are tried, then the spline, and nothing slow. Under jerk limits the spline
+    alone is as quick where it takes over in motion, and `QUICK` where it begins at rest. Where
+    there is none, `motion` is None: the running motion then goes on; it ends at rest, as every
+    answer does that is not asked to end in motion.
 
     Args:
         running: the motion that runs.
@@ -322,13 +325,8 @@ def take_over(
     }
     moving: dict[str, Any] = {key: own for key, own in states.items() if own.any()}
     chunk = from_samples(targets, limits, start=place, **moving, **keywords)
-    planner: object = _spline_alone if jerky.any() else _BOUNDED_PLANNER
+    planner: object = QUICK if jerky.any() else _BOUNDED_PLANNER
     return answers([chunk], mode, planner, patient=False)[0]
-
-
-def _spline_alone(problem: Problem) -> Solution:
-    """Plan nothing, so that the spline is the answer."""
-    return Solution(Status.FAILED, message="no planner is asked")
 
 
 def answers(
@@ -338,6 +336,7 @@ def answers(
     *,
     patient: bool = True,
     timeout: float | None = None,
+    quick: bool = False,
 ) -> list[ChunkAnswer]:
     """Return the answers to several chunks; those of one shape are planned together.
 
@@ -348,14 +347,17 @@ def answers(
         patient: whether slower planners are asked where this one and the spline have no answer.
         timeout: wall time of a chunk with jerk limits, s, after which the planner is stopped, in a
             process of its own. Seconds are usual; from a state in motion it may take minutes.
+            `QUICK` or the spline is the answer then.
+        quick: whether `QUICK` plans under jerk limits, in place of the full search.
 
     Raises:
         UnknownName: There is no planner of this name.
     """
     problems = [chunk.asked(mode) for chunk in chunks]
     found: list[Trial | None] = [None] * len(chunks)
-    for name in (_PLANNER, _JERK_PLANNER) if planner is None else (planner,):
-        jerky = name == _JERK_PLANNER
+    by_limits = _PLANNER, QUICK if quick else _JERK_PLANNER
+    for name in by_limits if planner is None else (planner,):
+        jerky = name is by_limits[1]
         own = [
             i
             for i, problem in enumerate(problems)
@@ -363,7 +365,9 @@ def answers(
         ]
         some = [problems[i] for i in own]
         trials = (
-            _planned(name, some) if timeout is None or not jerky else _stopped(name, some, timeout)
+            _planned(name, some)
+            if timeout is None or name != _JERK_PLANNER
+            else _stopped(name, some, timeout)
         )
         for i, trial in zip(own, trials, strict=True):
             found[i] = trial
@@ -421,6 +425,9 @@ def _better(
     """Return the planner's answer, or the spline's where that is no slower."""
     if mode == "fastest" and not trial.feasible:
         trial = _retimed(problem, trial) or trial
+    if trial.certified_duration is None and patient and problem.has("jerk"):
+        (other,) = _planned(QUICK, [problem])
+        trial = other if other.feasible else trial
     planned = trial.certified_duration
     motion = chunk.spline.motion(problem, planned)
     if motion is not None and (planned is None or motion.duration <= planned * (1 + _SAME_RTOL)):

@@ -9,7 +9,6 @@ take as long as all to some 0.3 %.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,11 +20,11 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners import registry
+from trajopt.planners.few_targets import passing, turning
 
 # A local optimum to so much is enough: a loss of time is told to some 1e-4.
 _PLANNER = "exact:within=1e-4"
 LEAST_LOSS = 2e-4
-_LOOKED_AT = 200  # times between two waypoints at which a motion may pass others
 
 
 class DecisivePart(NamedTuple):
@@ -80,7 +79,7 @@ class _Thinning:
         self.planner = registry.load(_PLANNER)
         self.stays = problem.route.demand("dwell") > 0
         self.stays[[0, -1]] = True
-        self.kept = self.stays | _turning(problem)
+        self.kept = self.stays | turning(problem)
         self.joints = list(range(problem.joints))
         self.motion: Trajectory | None = None
 
@@ -94,7 +93,7 @@ class _Thinning:
             self.motion = self._motion(self.kept, self.joints)
             if self.motion is None or self.motion.duration >= least:
                 return False
-            missed = _missed(self.problem, self.kept, self.motion)
+            missed = passing(self.problem, self.kept, self.motion).missed
             if not missed:
                 return True
             self.kept[missed] = True
@@ -148,36 +147,3 @@ class _Thinning:
         own = relaxed(self.problem, waypoints).only(joints)
         known = kept(own, self.motion)
         return known and DecisivePart(own, waypoints, joints, known, loss)
-
-
-def _turning(problem: Problem) -> Bools:
-    """Return at which waypoints a joint turns back beyond the tolerance, `(waypoints,)`."""
-    places, r = problem.waypoints, problem.route.demand("tolerance")
-    kept = np.zeros(len(places), dtype=bool)
-    for x, far in zip(places.T, 2 * r.max(axis=0), strict=True):
-        low = high = 0
-        sign = 0  # of the direction since the last turn
-        for i in range(1, len(x)):
-            high = i if x[i] > x[high] else high
-            low = i if x[i] < x[low] else low
-            if sign >= 0 and x[high] - x[i] > far:
-                kept[high], sign, low, high = True, -1, i, i
-            elif sign <= 0 and x[i] - x[low] > far:
-                kept[low], sign, low, high = True, 1, i, i
-    return kept
-
-
-def _missed(problem: Problem, kept: Bools, motion: Trajectory) -> list[int]:
-    """Return the waypoints that a motion misses most, one between each two that it passes."""
-    places, r = problem.waypoints, problem.route.demand("tolerance")
-    found = []
-    passed = zip(
-        pairwise(np.flatnonzero(kept).tolist()), pairwise(motion.waypoint_times), strict=True
-    )
-    for (first, last), (begins, ends) in passed:
-        way = motion(np.linspace(begins, ends, _LOOKED_AT))
-        between = range(first + 1, last)
-        away = [float((np.abs(way - places[i]) - r[i]).max(axis=1).min()) for i in between]
-        if max(away, default=0.0) > 0:
-            found.append(between[int(np.argmax(away))])
-    return found

@@ -87,6 +87,7 @@ def chunk(
     force: Force = False,
     cycle: Annotated[float, number("Control cycle, s.", least=1e-6, most=1e3)] = 1e-3,
     points: Writing[Points | None] = None,
+    quick: bool = False,
     timeout: Timeout = 60.0,
     json: Json = False,
 ) -> int:
@@ -106,7 +107,8 @@ def chunk(
         fastest: In the least time (the default).
         at_given_times: No target sooner after the one before than the file says; the least delay.
         out: Write the motion, as plan does; of several chunks a file each, with its name.
-        timeout: Seconds for a chunk with jerk limits; then the spline is the answer.
+        quick: Under jerk limits, from rest: tenths of a second, and 1 to 4 % slower a motion.
+        timeout: Seconds for a chunk with jerk limits; then the quick answer, or the spline.
     """
     if fastest and at_given_times:
         raise InvalidInput("--fastest", "--fastest or --at-given-times, not both", value=True)
@@ -137,7 +139,7 @@ def chunk(
     with console.waiting(f"planning {len(parts)} chunks" if len(parts) > 1 else "planning"):
         asked_for = [own for own in chunks if isinstance(own, Chunk)]
         planned = [_for_cycles(own, cycle) for own in asked_for] if sampled else asked_for
-        found = iter(answers(planned, mode, timeout=timeout))
+        found = iter(answers(planned, mode, timeout=timeout, quick=quick))
     told: list[dict[str, Any]] = []
     table = console.table("chunk", "verdict", numbers=_NUMBERS)
     codes = []
