@@ -485,7 +485,7 @@ def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> ExactProblem
 
 
 def chord_times(problem: dict[str, Any], numbers: Sequence[int]) -> Numbers:
-    """Return for ways between some waypoints the longest time of a point's straight way, (7.13).
+    """Return for ways between some waypoints the longest time of a point's straight way, (7.7c).
 
     A way has the largest speed of its segments. Its time is 0 beside a waypoint with a tolerance,
     since the point's place there is not known.
