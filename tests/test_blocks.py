@@ -19,6 +19,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from work import without_progress
 
 from trajopt import compare
 from trajopt.cli import main
@@ -106,8 +107,7 @@ def run(command, capsys):
             main(shlex.split(command)[1:])
         return ended.value.code or 0, "".join(capsys.readouterr())
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
-    slow = re.compile(r"^trajopt: planning .*\n", re.M)  # what a slow machine says beside it
-    return done.returncode, done.stdout + slow.sub("", done.stderr)
+    return done.returncode, done.stdout + without_progress(done.stderr)
 
 
 def normal(text):

@@ -74,6 +74,7 @@ def test_a_wheel_from_a_clone_says_its_commit(clone, tmp_path):
     assert said(built(folder, "wheel"), tmp_path) == head
 
 
+@pytest.mark.long
 def test_a_wheel_from_an_sdist_says_what_the_sdist_was_built_from(clone, tmp_path):
     folder, head = clone
     with tarfile.open(built(folder, "sdist")) as archive:

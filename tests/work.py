@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
+from typing import Any
+
+import pytest
 
 # A limit of time for a search or a child process that only ends a hang, and never decides a test.
 HANG_S = 600.0
+
+
+def one_in(count: int, cases: Iterable[Any]) -> list[Any]:
+    """Return all cases; the short run has one in so many, the long run the others.
+
+    Args:
+        count: 4: the first, the fifth, and so on.
+        cases: Values of a parameter, or tuples of several.
+    """
+    marks = [[], *[[pytest.mark.long]] * (count - 1)]
+    tuples = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*own, marks=marks[i % count]) for i, own in enumerate(tuples)]
+
+
+def without_progress(text: str) -> str:
+    """Return what a command said without the lines that a slow machine adds."""
+    return re.sub(r"^trajopt: (planning |\d+ of \d+ ).*\n", "", text, flags=re.M)
 
 
 class TooMuch(BaseException):

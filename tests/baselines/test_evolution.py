@@ -180,6 +180,7 @@ def test_a_run_gives_the_same_bits_alone_and_among_others_in_any_order(optimiser
             np.testing.assert_array_equal(alone.histories[0], result.histories[row])
 
 
+@pytest.mark.long
 def test_a_run_gives_the_same_bits_in_another_process():
     there = said_elsewhere(
         "from baselines.evolution import *",

@@ -63,8 +63,11 @@ class Interrupted:
 
 
 def test_ctrl_c_within_a_run_is_not_lost():
-    before = signal.getsignal(signal.SIGINT)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # `&` has it ignored
     none = np.zeros(0)
-    with pytest.raises(KeyboardInterrupt):
-        Program(Interrupted())(np.zeros(1), none, (none, none), (none, none))
-    assert signal.getsignal(signal.SIGINT) is before
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            Program(Interrupted())(np.zeros(1), none, (none, none), (none, none))
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from work import one_in
 
 import trajopt
 from trajopt import cli
@@ -93,10 +94,7 @@ def test_a_figure_has_the_limits_that_count(tmp_path, kinds, demand):
 KEPT = ("none", "tolerance", "least_times", "least_duration", "duration")
 
 
-@pytest.mark.parametrize(
-    ("kinds", "demand"),
-    [pytest.param(*own, marks=[pytest.mark.long] * bool(i % 4)) for i, own in enumerate(CASES)],
-)
+@pytest.mark.parametrize(("kinds", "demand"), one_in(9, CASES))
 def test_a_slow_motion_of_every_pair_is_judged(tmp_path, kinds, demand):
     path = tmp_path / "p.toml"
     path.write_text(problem(kinds, demand))
@@ -108,7 +106,7 @@ def test_a_slow_motion_of_every_pair_is_judged(tmp_path, kinds, demand):
         assert judged.certificate.feasible, judged.certificate.flaws
 
 
-@pytest.mark.parametrize(("number", "case"), [*enumerate(CASES[::8])])
+@pytest.mark.parametrize(("number", "case"), [*enumerate(CASES[::16])])
 def test_a_motion_of_a_pair_is_judged_by_a_command(run, number, case):
     """By its problem, and by limits alone."""
     kinds, demand = case

@@ -231,6 +231,7 @@ def test_with_jerk_limits_wider_never_takes_longer():
     assert np.diff(found).max() <= 1e-9
 
 
+@pytest.mark.long
 def test_with_jerk_limits_a_tolerance_counts_beside_moving_ends():
     limits = Limits([1.0], [2.0], [8.0])
     moving = {"start_velocity": [-0.3], "end_velocity": [-0.4], "end_acceleration": [0.5]}
@@ -387,6 +388,7 @@ def test_a_rough_stream_keeps_its_spacing_within_tolerance_and_has_none_exactly(
     assert certificate.certified_duration == pytest.approx(0.6, rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_bound_is_no_less_than_the_closed_form():
     """Boxes that overlap everywhere, of a straight way from rest to rest."""
     samples = np.linspace(0.0, 0.5, 9)[:, None]

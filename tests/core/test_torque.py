@@ -150,6 +150,7 @@ def test_built_in_robots_have_masses_or_say_so(name):
     np.testing.assert_allclose(again.kinds["torque"].numbers, own.numbers, atol=1e-15)
 
 
+@pytest.mark.long
 def test_one_joint_with_gravity_takes_its_bang_bang():
     """All torque forwards, then backwards: the energy is known at every angle."""
     torque, inertia, load, goal = 15.0, 0.5, 9.81, 2.0

@@ -242,6 +242,7 @@ def test_the_exponent_of_a_map_that_settles_and_of_one_that_is_chaotic():
 BEST_353 = 4.31038  # s, proved: no 3-5-3 is shorter
 
 
+@pytest.mark.long
 def test_study_in_small_and_not_twice(tmp_path, monkeypatch):
     paper_study.main(quick=True, figures=True, output=tmp_path)
     claims = pd.read_csv(tmp_path / "claims.csv")

@@ -110,6 +110,7 @@ def test_a_wall_at_the_start_is_left_at_the_speed_that_is_asked():
     assert not verify(outwards, fastest(-1.0, 0.0)).valid
 
 
+@pytest.mark.long
 def test_cheats_in_small():
     """500 of them: `python tests/soak.py moving_ends`."""
     rows = moving_ends.rows(9)

@@ -156,6 +156,7 @@ def test_every_answer_is_certified(name, mode, optimiser):
             assert certificate.dilation == pytest.approx(1, rel=1e-9)
 
 
+@pytest.mark.long
 def test_no_swarm_beats_the_best_353_and_pso_reaches_it():
     grid = [(i, j, 16 - i - j) for i in range(1, 15) for j in range(1, 16 - i)]
     start = min(grid, key=lambda t: sampled_duration(SIX_AXIS, np.array(t, float), 11))

@@ -48,6 +48,7 @@ def believed(content):
 @pytest.mark.parametrize(
     "problem", [PROBLEMS[0], *(pytest.param(own, marks=pytest.mark.long) for own in PROBLEMS[1:])]
 )
+@pytest.mark.long
 def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
     own = HONEST[problem]
     for name, forgery in forgeries_of(problem).items():

@@ -15,6 +15,7 @@ from trajopt.benchmark.store.folder import Store, read
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL and process groups")
 
 
+@pytest.mark.long
 def test_five_kills_lose_and_tear_nothing(tmp_path, capsys, monkeypatch):
     # fewer words than a child tells: no run to learn from
     monkeypatch.setattr(kills, "uninterrupted", lambda *_: (80, 90))

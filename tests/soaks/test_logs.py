@@ -11,6 +11,7 @@ import pytest
 from soaks import logs
 
 
+@pytest.mark.long
 def test_no_lawful_log_is_convicted_and_most_others_are_found(tmp_path):
     assert logs.main(count=48, seed=5, output=tmp_path) == 0
     counts = pd.read_csv(tmp_path / "logs.csv").set_index("logs of")

@@ -10,6 +10,7 @@ from soaks import relations
 from trajopt import Limits, Problem
 
 
+@pytest.mark.long
 def test_two_problems_keep_every_relation_and_are_kept(tmp_path, capsys, monkeypatch):
     file = tmp_path / "relations.csv"
     file.write_text("problem,kind,excess,tolerance\n0,first,0.0,inf\n")  # it is done

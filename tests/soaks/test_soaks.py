@@ -38,6 +38,7 @@ def test_every_soak_has_one_word_for_smaller(name):
     assert "quick" in inspect.signature(import_module(f"soaks.{name}").main).parameters
 
 
+@pytest.mark.long
 def test_the_forgeries_experiment_says_what_is_believed(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(forgeries, "PROBLEMS", ("six-axis",))
     forgeries.main(output=tmp_path)
@@ -83,6 +84,7 @@ def test_commands_are_compared_by_their_medians(tmp_path):
     assert written["task"].tolist() == ["main job", "second run", "list"]
 
 
+@pytest.mark.long
 def test_a_soak_says_at_once_how_much_there_is(tmp_path, capsys):
     relations.main(output=tmp_path, problems=1)
     assert capsys.readouterr().err.startswith("experiment: 1 trials in all\n")

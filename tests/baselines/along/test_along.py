@@ -219,6 +219,7 @@ def test_splines_outside_position_limits_leave_straight_lines():
     assert verify(problem, solution.trajectory).valid
 
 
+@pytest.mark.long
 def test_velocities_at_the_ends_under_jerk_limits():
     limits = Limits([1.0, 1.5], [2.0, 3.0], [20.0, 15.0])
     ends = {"start_velocity": [0.3, 0.1], "end_velocity": [0.0, 0.2]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from work import one_in
 
 from baselines.collocation.uniform import Collocation
 from baselines.ruckig_ import section
@@ -25,7 +26,7 @@ def test_keeps_every_limit_as_claimed(name: str) -> None:
     assert certificate.feasible, certificate.flaws
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", one_in(4, range(10)))
 @pytest.mark.parametrize("jerk", [False, True])
 def test_keeps_every_limit_on_random_problems(seed: int, jerk: bool) -> None:
     problem = random_problem(seed, jerk=jerk)

@@ -58,6 +58,7 @@ def test_closed_forms(problem: Problem, optimum: float, within: float) -> None:
     assert bound.upper_bound == pytest.approx(optimum, rel=1e-8)
 
 
+@pytest.mark.long
 def test_six_axis_is_proved_in_time() -> None:
     problem = load("six-axis")
     free = prove(problem, time_limit=HANG_S)

@@ -336,6 +336,7 @@ def test_a_tiny_step_with_jerk_limits_is_proved(proved_with_jerk):
     assert known / (1 + 1e-3) * (1 - 1e-9) <= found.lower_bound <= known
 
 
+@pytest.mark.long
 def test_rows_that_were_changed_prove_no_more_than_is_true(proved_with_jerk):
     problem, known, found = proved_with_jerk
     rng = np.random.default_rng(0)

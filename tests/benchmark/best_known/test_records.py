@@ -233,6 +233,7 @@ FILES = records.files()
 SAMPLE = sorted(FILES, key=lambda file: hashlib.sha256(file.read_bytes()).digest())[:20]
 
 
+@pytest.mark.long
 def test_every_recorded_file_is_one_and_lies_where_it_belongs():
     problems = catalogue.every_problem()
     digests = set()

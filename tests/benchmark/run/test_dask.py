@@ -56,6 +56,7 @@ def test_a_process_pool_is_not_broken_by_a_planner_that_dies(tmp_path: Path) -> 
         assert statuses(tmp_path / "processes", executor) == EXPECTED
 
 
+@pytest.mark.long
 def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: Path) -> None:
     killed: list[int] = []
 

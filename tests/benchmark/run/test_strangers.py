@@ -184,7 +184,9 @@ def test_signals_to_its_judge_or_the_server_end_as_results(file, monkeypatch, si
     monkeypatch.setattr(runner, "_END_TIMEOUT_S", 0.5)
     monkeypatch.setattr(server, "_END_TIMEOUT_S", 2.0)
     end = "; ".join(f"os.kill({process}, signal.{sign})" for process in whom)
-    results = compare([PROBLEM], [file(before=end), "ruckig-stop"], "r", seeds=1, timeout=2.0)
+    # a stopped process is waited for as long as a trial may take, which a busy machine needs
+    timeout = 3.0 if sign == "SIGSTOP" else 60.0
+    results = compare([PROBLEM], [file(before=end), "ruckig-stop"], "r", seeds=1, timeout=timeout)
     found = {trial.planner: trial for trial in results.items}
     statuses = {name: str(trial.status) for name, trial in found.items()}
     own = "crashed" if message else "solved"

@@ -343,6 +343,7 @@ def everything(file):
     return names
 
 
+@pytest.mark.long
 def test_verification_names_every_member_that_is_gone_and_every_column_that_is_changed(
     path, tmp_path
 ):

@@ -130,6 +130,7 @@ def test_one_report_of_two_folders(
     assert (tmp_path / "a" / "report.html").is_file()
 
 
+@pytest.mark.long
 def test_the_memory_of_many_runs_grows_as_their_number() -> None:
     """Two runs each with every other would be 16 times the rows of four times the runs."""
     peaks = []

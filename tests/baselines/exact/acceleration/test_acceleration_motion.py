@@ -191,10 +191,10 @@ def test_a_brief_piece_stays_only_where_no_motion_does_without_it(seed: int) -> 
 
 
 def test_a_ramp_that_the_optimum_needs_remains() -> None:
-    # 1 rad at 1 rad/s and 1e8 rad/s²: h/V + V/A, and ramps of 1e-8 of it, to 250 units in the
-    # last place of the duration
+    # 1 rad at 1 rad/s and 1e8 rad/s²: h/V + V/A, and ramps of 1e-8 of it; a search ends
+    # where it gains less than 1e-10 of the duration
     problem = Problem([[0.0], [1.0]], Limits([1.0], [1e8]))
     trajectory = Exact().solve(problem).trajectory
     assert trajectory is not None
     np.testing.assert_allclose(trajectory.lengths, [1e-8, 1 - 1e-8, 1e-8], rtol=1e-5)
-    assert verify(problem, trajectory).certified_duration == pytest.approx(1 + 1e-8, rel=1e-14)
+    assert verify(problem, trajectory).certified_duration == pytest.approx(1 + 1e-8, rel=2e-10)

@@ -152,6 +152,7 @@ def test_an_end_at_the_velocity_limit_may_still_accelerate():
     assert verify(problem, found).certified_duration == pytest.approx(ruckig.duration, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_part_of_an_optimum_that_leaves_no_inside():
     """A part of a certified motion took 0.04258938 s; from inside none is found below 0.0533 s."""
     problem = Problem(

@@ -148,6 +148,7 @@ def test_points_around_a_waypoint_of_an_arms_own_optimum(seed, spacing, count):
     assert certified(ExactJerk(), dense) == pytest.approx(best, rel=1e-6)
 
 
+@pytest.mark.long
 def test_what_stays_beyond_takes_a_bounded_time(monkeypatch):
     """So many Newton steps at most, and no longer than a motion that rests at every waypoint."""
     steps = []
