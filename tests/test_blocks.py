@@ -73,6 +73,7 @@ def finished(tmp_path_factory):
 def folder(tmp_path, monkeypatch, finished):
     """The files that the pages name."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("trajopt.cli.plan._PROOF_TIME_S", 5.0)  # enough on a busy machine
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("SHELL", "/bin/bash")  # what --install-completion writes for, and where
     monkeypatch.setenv("MPLCONFIGDIR", mpl.get_cachedir())
