@@ -124,6 +124,14 @@ def test_a_tampered_proof_fails(checked, tamper):
     assert code
 
 
+def test_a_proof_does_not_choose_waypoints_that_rounding_may_miss(checked):
+    """It would count those as exact: (9.1) leaves them out where nothing is asked on the way."""
+    said = record("edges-dense-pair")
+    assert not checked(text(said))[0]
+    said["proof"]["waypoints"] = list(range(len(said["problem"]["waypoints"])))
+    assert checked(text(said))[0]
+
+
 def faster_tool(rows):
     for row in rows:
         row[0] *= 1.001

@@ -467,7 +467,10 @@ def counted_problem(said: dict[str, Any], proof: dict[str, Any]) -> ExactProblem
     numbers = distinct_waypoints(problem)
     problem = through(problem, numbers)
     chosen = proof.get("waypoints")
-    if not chosen and not said.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
+    if not said.keys() & {"dwell", "given_times", "least_times", "tolerance"}:
+        if chosen:
+            right = "none where a motion may miss some by rounding"
+            raise NoProof("waypoints", right, len(chosen))
         resolved = resolved_waypoints(problem)
         problem = through(problem, resolved)
         numbers = [numbers[k] for k in resolved]
