@@ -105,6 +105,10 @@ def test_verify_shows_a_line_for_each_episode(run, tmp_path):
     arms = [joint for joint in range(14) if joint % 7 != 6]  # without the grippers
     assert size == pytest.approx(jumps[:, arms].max())
     assert at == pytest.approx((jumps[:, arms].max(axis=1).argmax() + 1) / 50)
+    # a target that is held is a step from rest to rest: 2 √(h/a) with ALOHA's 5 rad/s²
+    share, _, when = told["held"][0]
+    assert share == pytest.approx(2 * np.sqrt(size / 5) * 50, rel=1e-12)
+    assert when == at
     code, out, err = run("verify episode_0.hdf5 --robot aloha --rate 50")
     assert "broken" in out
     assert code == 1

@@ -34,15 +34,18 @@ from trajopt.cli.parameters import (
 )
 from trajopt.cli.plan import print_smoothness, print_worst
 from trajopt.core.arm_file import arm_files
+from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
+from trajopt.core.limits import Limits
 from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, WITH_UNITS, Motion, motion, of_samples
 from trajopt.formats.samples import known_as
 from trajopt.judgement import Execution, as_executed, taking_over
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
 from trajopt.judging.verification import Certificate
+from trajopt.planners.rest_to_rest import step_times
 from trajopt.views import table_cells
 from trajopt.views.analysis.gap_reference import best
 
@@ -50,7 +53,7 @@ MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are liste
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
 _NO_LIMIT = 1e6  # rad/s²: the same where other joints have a limit
 _OF_MOTIONS = ("duration s", "velocity", "acceleration", "jerk")
-_OF_EPISODES = ("duration s", "velocity", "acceleration", "step")
+_OF_EPISODES = ("duration s", "velocity", "acceleration", "step", "held")
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
@@ -277,7 +280,8 @@ def _verify_episodes(paths: Sequence[Path], judged: _Judged, rate: float | None,
                 told.append({"episode": name, "error": words})
                 codes.append(2)
                 continue
-            told.append({"episode": name, "steps": _steps(found), **found.as_dict()})
+            of_targets = {"steps": _steps(found), "held": _held(found)}
+            told.append({"episode": name, **of_targets, **found.as_dict()})
             table.row(name, _told_briefly(found), *_uses(found))
             codes.append(1 if found.broken else 0)
     if json:
@@ -291,7 +295,9 @@ def _verify_episodes(paths: Sequence[Path], judged: _Judged, rate: float | None,
                 if judged.log is not None
                 else f", joined as {judged.interpolation}"
             )
-            + "; step: the largest change from one position to the next, and when."
+            + "; step: the largest change from one position to the next, and when; held: where "
+            "each position is held until the next one comes, the longest time that a joint needs "
+            "for a step from rest to rest, in times of the position's, and when."
         )
     return max(codes)
 
@@ -317,26 +323,44 @@ def _told_briefly(found: Execution) -> str:
 def _uses(found: Execution) -> list[str]:
     """Return duration, uses and the largest step of an episode, as the table shows them."""
     uses = [found.certificate.uses.get(key) for key in ("velocity", "acceleration")]
-    size, _, at = _steps(found)[0]
     return [
         f"{found.certificate.duration:.6g}",
         *("" if use is None or not np.isfinite(use.value) else f"{use.value:.4f}" for use in uses),
-        f"{size:.3g} at {at:.4g}",
+        *(f"{size:.3g} at {at:.4g}" for size, _, at in (_steps(found)[0], _held(found)[0])),
     ]
 
 
 def _steps(found: Execution) -> list[tuple[float, int, float]]:
-    """Return the largest change between two positions, its joint from 1, and its time, s.
+    """Return each joint's largest change between two positions, its number from 1, and when, s.
 
     The largest of all joints comes first.
     """
     samples = found.motion.samples
+    return [] if samples is None else _largest(np.diff(samples.positions, axis=0), samples.times)
+
+
+def _held(found: Execution) -> list[tuple[float, int, float]]:
+    """Return what each joint is asked for where every position is held until the next, likewise.
+
+    A held position is a step: the joint needs the time from rest to rest, which is told in times of
+    the position's own. Above 1 it is still under way when the next one comes.
+    """
+    samples = found.motion.samples
     if samples is None:
         return []
-    sizes = np.abs(np.diff(samples.positions, axis=0))
+    limits = found.problem.limits
+    if found.certificate.uses.get("acceleration") is None:
+        limits = Limits(limits.velocity, [_NO_LIMIT] * limits.joints)
+    needed = step_times(np.diff(samples.positions, axis=0), limits)
+    return _largest(needed / np.diff(samples.times)[:, None], samples.times)
+
+
+def _largest(sizes: Array, times: Array) -> list[tuple[float, int, float]]:
+    """Return of each joint the largest of sizes `(steps, joints)`, its number and when, s."""
+    sizes = np.abs(sizes)
     rows = sizes.argmax(axis=0).tolist()
     every = [
-        (float(sizes[row, joint]), joint + 1, float(samples.times[row + 1] - samples.times[0]))
+        (float(sizes[row, joint]), joint + 1, float(times[row + 1] - times[0]))
         for joint, row in enumerate(rows)
     ]
     return sorted(every, reverse=True)

@@ -27,8 +27,15 @@ def stop_times(problem: Problem) -> Array:
     for symmetric limits with jerk (seven phases). Asymmetric limits with jerk count as symmetric
     ones at their tighter side, which is an upper bound.
     """
-    times = _alone(problem.displacements, problem.limits, _tighter)
-    return times.max(axis=1)
+    return step_times(problem.displacements, problem.limits).max(axis=1)
+
+
+def step_times(h: Array, limits: Limits) -> Array:
+    """Return the time of each joint for each displacement `h`, from rest to rest, s.
+
+    As `stop_times`, but joint by joint: `(…, joints)`.
+    """
+    return _alone(h, limits, _tighter)
 
 
 @lru_cache(maxsize=2048)  # each view of the same trials asks for it
