@@ -8,7 +8,8 @@ intervals, and each next one as long as the joints have had no time to stop. Bac
 segment it is the same. The guesses are all combinations of these intervals.
 
 An interval may be a single time: one joint speeds up throughout the segment and another one brakes
-throughout it. A part of an optimal motion often has such a segment. So the guesses before a gap are
+throughout it, or one brakes throughout it to the velocity limit of the next segment. A part of an
+optimal motion often has such a segment. So the guesses before a gap are
 also tried with times that stay between the middles of the gaps (`before_gaps`).
 """
 
@@ -39,6 +40,7 @@ _LIMIT_SHARE = 0.98
 _TRIED = 600
 _BORDER_TRIED = 2000
 _HALVINGS = 60
+_TINY = 1e-300  # of a joint that rests
 # The longest time that is tried, relative to the time in which every joint can stop.
 _LONGEST = 4.0
 
@@ -50,17 +52,20 @@ class _Way(NamedTuple):
         h: Displacements, `(segments, joints)`.
         v, a: Limits of velocity and acceleration of each segment, `(2, segments, joints)`.
         stop: Times in which every joint can stop, `(segments,)`.
+        passing: Velocity limits at the waypoints, `(2, segments + 1, joints)`.
     """
 
     h: Array
     v: Array
     a: Array
     stop: Array
+    passing: Array
 
     @property
     def backwards(self) -> _Way:
         """Return the segments backwards in time, where velocities and their limits change sign."""
-        return _Way(-self.h[::-1], -self.v[::-1, ::-1], self.a[:, ::-1], self.stop[::-1])
+        v, passing = (-own[::-1, ::-1] for own in (self.v, self.passing))
+        return _Way(-self.h[::-1], v, self.a[:, ::-1], self.stop[::-1], passing)
 
 
 class _Interval(NamedTuple):
@@ -124,27 +129,34 @@ def starts(scaled: Scaled) -> list[tuple[Array, Array]]:
     Args:
         scaled: A problem that begins or ends in motion.
     """
-    return [own[:2] for own in islice(_starts(scaled), MAX_STARTS)]
+    return [own[:2] for own in islice(_starts(scaled, scaled.stop), MAX_STARTS)]
 
 
 def before_gaps(scaled: Scaled) -> list[Start]:
     """Return the initial guesses in intervals before a gap of the first or the last segment.
 
     A descent from there may cross a gap unless the times are kept between the middles of the gaps.
+    After the gaps there is time to stop in some guesses, and in others just time to come back.
 
     Args:
         scaled: A problem that begins or ends in motion, with limits that are wide enough for an
             interval of a single time to have a width.
     """
-    found = (own for own in _starts(scaled) if np.isfinite(own.between[1]).any())
-    return list(islice(found, MAX_STARTS))
+    found: list[Start] = []
+    for stop in (scaled.stop, 0 * scaled.stop):
+        own = (start for start in _starts(scaled, stop) if np.isfinite(start.between[1]).any())
+        known = {start.times.tobytes() for start in found}
+        found += (start for start in islice(own, MAX_STARTS) if start.times.tobytes() not in known)
+    return found
 
 
-def _starts(scaled: Scaled) -> Iterator[Start]:
+def _starts(scaled: Scaled, stop: Array) -> Iterator[Start]:
     segments = len(scaled.h)
     whole = (2, *scaled.h.shape)
     v, a = (np.broadcast_to(own.reshape(2, -1, whole[-1]), whole) for own in (scaled.v, scaled.a))
-    way = _Way(scaled.h, v, a, scaled.stop)
+    passing = np.concatenate([v[:, :1], v], axis=1)
+    passing[:, 1:-1] = scaled.waypoint_v
+    way = _Way(scaled.h, v, a, stop, passing)
     back = way.backwards
     start, end = scaled.end_v
     for first, last in product(_fast(way, start), _fast(back, -end)):
@@ -264,7 +276,9 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[_Interval]:
     braking = np.where(upwards, -a[0], a[1])
     speeding = np.where(upwards, a[1], -a[0])
     top = np.where(upwards, v[1], -v[0])
-    earliest = float(_earliest(u, distance, top, speeding).max())
+    low, high = way.passing[:, segment + 1]
+    last = np.minimum(np.where(upwards, high, -low), top)
+    earliest = float(_earliest(u, distance, top, last, speeding, braking).max())
     square = u**2 - 2 * braking * distance
     gaps = []
     for joint in np.flatnonzero((u > 0) & (square > 0)):
@@ -281,9 +295,19 @@ def _intervals(way: _Way, segment: int, v0: Array) -> list[_Interval]:
     return [*found, _Interval(low)]
 
 
-def _earliest(u: Array, way: Array, top: Array, speeding: Array) -> Array:
-    """Return each joint's least time: it speeds up to its velocity limit, then cruises."""
-    peak = np.sqrt(u**2 + 2 * speeding * way)
-    ramp = (top**2 - u**2) / (2 * speeding)
-    cruising = (top - u) / speeding + (way - ramp) / top
-    return np.where(peak <= top, (peak - u) / speeding, cruising)
+def _earliest(
+    u: Array, way: Array, top: Array, last: Array, speeding: Array, braking: Array
+) -> Array:
+    """Return each joint's least time: it speeds up, cruises, and brakes to the limit at the end.
+
+    A joint that cannot brake to it before the end gets the time of braking, which is in its gap.
+    """
+    # without a limit between: it speeds up to `peak`, then brakes to `last` if that is slower
+    free = np.sqrt(u**2 + 2 * speeding * way)
+    both = 2 * speeding * braking * way + braking * u**2 + speeding * last**2
+    peak = np.where(free <= last, free, np.sqrt(both / (speeding + braking)))
+    peak = np.minimum(np.maximum(peak, u), top)
+    end = np.minimum(peak, last)
+    ramps = (peak**2 - u**2) / (2 * speeding) + (peak**2 - end**2) / (2 * braking)
+    cruising = np.maximum(way - ramps, 0.0) / np.maximum(peak, _TINY)
+    return (peak - u) / speeding + (peak - end) / braking + cruising

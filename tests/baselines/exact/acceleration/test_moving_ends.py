@@ -117,6 +117,38 @@ def test_a_cut_motion_that_is_possible_at_single_instants(seed, waypoints, cut):
     parts_take_as_long(problem, motion, motion.waypoint_times[cut] if at_waypoint else cut)
 
 
+def test_the_only_time_ends_at_the_next_segments_velocity_limit():
+    """Joint 1 brakes throughout the first segment to 0.437 rad/s; once 31 % too long."""
+    waypoints = [
+        [0.05789116925482042, 1.0844120590816129],
+        [0.166670085434923, 1.0529501357251383],
+        [0.1938671291381097, 0.9649225963440551],
+        [0.30671689749422815, 1.2011306779069753],
+    ]
+    velocity = [
+        [1.0091961681938613, 0.9665001175773835],
+        [0.436629968707757, 1.9378747831732919],
+        [0.6758269630257192, 2.7947548905402906],
+    ]
+    acceleration = [
+        [3.6178241480415347, 2.5554445174856326],
+        [6.571208430145692, 7.479425269496057],
+        [2.6415007071077112, 3.7019128668488297],
+    ]
+    limits = (np.multiply.outer(np.array(own), [-1, 1]) for own in (velocity, acceleration))
+    problem = Problem(
+        waypoints,
+        Limits(*limits),
+        start_velocity=[0.9888031700404573, -0.011124340767554794],
+        end_velocity=[0.05852393505032951, 1.4390652045118362],
+    )
+    motion = solved(problem)
+    # what the part of a certified motion takes from there
+    assert motion.duration == pytest.approx(0.81881528078642, rel=1e-9)
+    brakes = (0.9888031700404573 - 0.436629968707757) / 3.6178241480415347
+    assert motion.waypoint_times[1] == pytest.approx(brakes, rel=1e-9)
+
+
 def test_starts_stand_on_both_sides_of_every_gap():
     """Two joints that cannot stop, of 0.2 and 0.21 rad: before and after both gaps."""
     problem = Problem(
