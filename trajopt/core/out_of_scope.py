@@ -8,7 +8,8 @@ SCOPE = (
     "In scope: waypoints in a fixed order, passed exactly or within a tolerance, from rest to rest "
     "or between given states, with waits, least or given times, in loops, on any path "
     "between them; limits of velocity, acceleration, jerk, position and torque per joint, and of "
-    "the tool's speed; motions as a controller executes them. Not in scope: obstacles, orientation."
+    "the speed of tool and links; motions as a controller executes them. Not in scope: obstacles, "
+    "orientation."
 )
 _SPEED = (
     "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
