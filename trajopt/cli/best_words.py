@@ -51,7 +51,7 @@ def _planner(found: Best) -> str:
     if found.stopped is not None and name == QUICK:
         return (
             f"{OPTIMUM_WITH_POSITION} was stopped after {found.stopped:g} s (`--timeout`): this is "
-            f"the fastest motion of {QUICK} along a spline."
+            f"the motion of {QUICK}, the fastest on a spline."
         )
     if name == THROUGH_WAYPOINTS:
         return f"{name} answers where no reference planner does."
