@@ -171,8 +171,8 @@ class ChunkAnswer:
         """Return a proved lower bound on the time through the targets, s; 0 where there is none.
 
         It is proved (`prove`) for motions of some joints that pass some of the targets: no motion
-        of all joints through all of them is faster. Jerk limits, and least times of segments, are
-        left out.
+        of all joints through all of them is faster. Least times of segments are left out, and jerk
+        limits where the chunk begins or ends in motion.
 
         Args:
             seconds: CPU time for the proof.
@@ -180,7 +180,9 @@ class ChunkAnswer:
         """
         if self.motion is None:
             return 0.0
-        asked = self.chunk.problem.without("jerk", "start_acceleration", "end_acceleration")
+        asked = self.chunk.problem
+        if not asked.route.at_rest:
+            asked = asked.without("jerk", "start_acceleration", "end_acceleration")
         prover = cast(Prover, load(f"prove:time_limit={seconds},within={within}"))
         return prover.beside(asked, self.motion)
 

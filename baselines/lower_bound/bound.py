@@ -229,7 +229,9 @@ def _outcomes(
         best: The fastest motion known.
     """
     many = "tolerance" in problem.demands and problem.segments > _MANY_SEGMENTS
-    if many and best is not None and not problem.has("jerk") and not _given(problem):
+    # under jerk limits a part in motion takes the planner minutes
+    quick = problem.route.at_rest or not problem.has("jerk")
+    if many and best is not None and quick and not _given(problem):
         losses = [max(within / 2, decisive.LEAST_LOSS)]
         while losses[-1] < _QUICK_LOSS:
             losses.append(losses[-1] * _LOSS_FACTOR)

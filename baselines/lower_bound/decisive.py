@@ -24,6 +24,7 @@ from trajopt.planners.few_targets import passing, turning
 
 # A local optimum to so much is enough: a loss of time is told to some 1e-4.
 _PLANNER = "exact:within=1e-4"
+_JERK_PLANNER = "exact-jerk:starts=1"
 LEAST_LOSS = 2e-4
 
 
@@ -50,7 +51,8 @@ def parts(
     """Return a part of a problem for each loss, those of larger losses within the others.
 
     Args:
-        problem: Without identical consecutive waypoints; all joints move.
+        problem: Without identical consecutive waypoints; all joints move. Under jerk limits, from
+            rest to rest; they count in the parts, and not in what these may lose.
         duration: Of its fastest motion, s.
         losses: Shares of the duration that may be lost, rising, at least `LEAST_LOSS`.
         late: Returns whether the time is over; fewer parts are the answer then.
@@ -145,5 +147,10 @@ class _Thinning:
             return None
         waypoints, joints = np.flatnonzero(self.kept), np.array(self.joints)
         own = relaxed(self.problem, waypoints).only(joints)
-        known = kept(own, self.motion)
+        motion: Trajectory | None = self.motion
+        if own.has("jerk"):
+            motion = registry.load(_JERK_PLANNER).solve(own).trajectory
+        if motion is None:
+            return None
+        known = kept(own, motion)
         return known and DecisivePart(own, waypoints, joints, known, loss)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound import decisive
 from baselines.lower_bound.bound import prove
 from baselines.lower_bound.dual_check import proved_bound
@@ -54,6 +55,18 @@ def test_parts_of_smaller_losses_count_more():
     assert coarse.waypoints.tolist() == [0, 11]
     assert coarse.known.duration == pytest.approx(2 * np.sqrt(0.1 / A), rel=1e-4)
     assert not decisive.parts(ended, optimum, [2e-4], lambda: True)
+
+
+def test_jerk_limits_count_in_a_part():
+    problem = there_and_back()
+    limits = Limits([V] * 3, [A] * 3, [20.0] * 3)
+    jerky = Problem(problem.waypoints, limits, tolerance=TOLERANCE)
+    near_side = Problem([[0.0], [FAR - TOLERANCE], [0.0]], limits.only([1]))
+    optimum = ExactJerk().solve(near_side).trajectory.duration
+    found = Prove(within=2e-3, time_limit=20).solve(jerky)
+    assert optimum * (1 - 2e-3) <= found.lower_bound <= optimum * (1 + 1e-9)
+    assert "moving joints: 1 of 2" in found.message
+    assert Prove().stored_bound(jerky, found.stats) == found.lower_bound
 
 
 def test_a_motion_of_equal_waypoints_is_the_target_too():
