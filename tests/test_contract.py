@@ -81,8 +81,9 @@ def quick(name: str) -> Planner:
     planner = entries()[name].load()
     own = options(planner)
     less = {k: v for k, v in _QUICK.items() if isinstance(own.get(k), int | float)}
-    if third_party(name):
-        less |= {k: v for k, v in _ONE_PATH.items() if k in own}
+    for option, rule in _ONE_PATH.items():
+        if option in own and (third_party(name) or own[option] == "best"):
+            less[option] = rule
     return configured(planner, less, name)
 
 
