@@ -10,6 +10,7 @@ boxes overlap that is not enough: the optimum may be on any side of a box.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -59,12 +60,15 @@ def cruising(scaled: Scaled) -> Iterator[Guess]:
     """Yield guesses a little slower than at the velocity limits, for motions in motion at an end.
 
     A short segment next to such an end is passed at once, and the times of stopping are far. The
-    way is the chord; with tolerances also along both sides of the boxes and their middles.
+    way is the chord; with tolerances also along both sides of the boxes and their middles, and the
+    chord whose segment next to an end in motion takes the least time.
     """
     r = scaled.tolerance
     ways = [(_chord(scaled), own) for own in (_CRUISING if r.any() else _CRUISING[:1])]
     if r.any():
         ways += [(side * r, _CRUISING[0]) for side in (0.0, _SIDE, -_SIDE)]
+        in_motion = [end for end in (0, -1) if scaled.end_v[end].any()]
+        ways += [(_at_once(scaled, end), _CRUISING[0]) for end in in_motion]
     for offset, share in ways:
         times = (_ways(scaled, offset) / scaled.v).max(axis=(0, 2))
         yield _guess(scaled, offset, share, times)
@@ -81,6 +85,30 @@ def _chord(scaled: Scaled) -> Array:
             middle = (chord[:-2] + chord[2:]) / 2
             chord[inner] = np.clip(middle, places[inner] - r, places[inner] + r)
     return (chord - places)[1 : len(scaled.tolerance) + 1]
+
+
+def _at_once(scaled: Scaled, end: int) -> Array:
+    """Return the offsets of the chord whose first or last segment takes the least time.
+
+    A joint that cannot stop passes this segment before it would stop, or after it has come back.
+    Along the shortest chord another joint's way may be too long for before. So the segment takes
+    the time at the velocity limits between the end and the nearest edges of the next box, and each
+    joint moves on at its velocity at the end, as far as its box allows.
+
+    Args:
+        scaled: A problem with tolerances.
+        end: 0 for the first segment, -1 for the last one.
+    """
+    h, r = scaled.h[end], scaled.tolerance[end]
+    time = (np.clip(0.0, h - r, h + r) / scaled.v[:, end]).max()
+    change = np.clip(time * scaled.end_v[end], h - r, h + r) - h
+    offset = np.zeros_like(scaled.tolerance)
+    offset[end] = change if end == 0 else -change
+    moved = copy(scaled)
+    moved.h = _ways(scaled, offset)
+    moved.tolerance = np.array(scaled.tolerance)
+    moved.tolerance[end] = 0.0
+    return offset + _chord(moved)
 
 
 def _ways(scaled: Scaled, offset: Array) -> Array:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
+from baselines.exact.acceleration.planner import Passing
+from baselines.exact.method import guesses
 from soaks import mixes
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites.mixes import halves
@@ -63,6 +65,8 @@ def test_an_optimum_that_another_method_knows(case):
         # guesses in the times of stopping lead to motions 30 and 105 % too long
         (30, 3.6315851360233564),
         (88, 1.2588770581455684),
+        # 24 ms before its end a joint leaves the edge of its box: once 48 % too long
+        pytest.param(5590, 4.350779224084628, marks=pytest.mark.long),
     ],
 )
 def test_a_cut_motion_is_planned_again_as_short(seed, share):
@@ -75,6 +79,26 @@ def test_a_cut_motion_is_planned_again_as_short(seed, share):
     parts = halves(whole, solution.trajectory, cut)
     for part, own in zip(parts, (cut, duration - cut), strict=True):
         assert mixes.solved(part)[1] <= own * (1 + 1e-6)
+
+
+def test_a_guess_passes_the_last_segment_before_a_gap():
+    """Joint 1 ends backwards and cannot stop; joint 0 is in time from the edge of its box alone."""
+    V, r, w, A = 0.3, 0.3, 0.3, 0.5
+    problem = Problem(
+        [[0.0, 0.0], [1.0, -0.31], [1.305, -0.02]],
+        Limits([V, 0.4], [2.0, A]),
+        end_velocity=[V, -w],
+        demands={"tolerance": np.array([0, r, 0])[:, None] * np.ones(2)},
+    )
+    scaled = Passing(problem)
+    # even over the 0.01 rad from the edge of its box, joint 1 ends so soon, or comes back (4.6)
+    before = (w - np.sqrt(w**2 - 2 * A * 0.01)) / A
+    found = []
+    for guess in guesses.cruising(scaled):
+        time = guess.times[-1] * scaled.unit
+        way = (scaled.h[-1] - guess.offset[-1]) * scaled.units[-1]
+        found.append(time < before and (np.abs(way) <= np.array([V, w]) * time).all())
+    assert any(found)
 
 
 def test_a_loop_whose_tolerances_overlap_its_end_is_planned():
