@@ -306,7 +306,8 @@ def hindrances(problem: Problem) -> list[str]:
         overlapping = (steps <= room[:-1] + room[1:]).all(axis=1)
         if overlapping.any():
             found.append(f"boxes overlap: {overlapping.sum()} of {len(steps)}")
-    sizes = (steps / steps.max(axis=0, initial=0, where=steps > 0)).max(axis=1)
+    largest = steps.max(axis=0)
+    sizes = (steps[:, largest > 0] / largest[largest > 0]).max(axis=1)
     tiny = sizes < _TINY * sizes.max()
     if tiny.any():
         found.append(f"tiny steps: {tiny.sum()} of {len(steps)}")
