@@ -206,7 +206,7 @@ def reference(row: Any) -> str:
     known = "the best known, not proved (the planner prove may prove it)"
     if row.proved > 0:
         within = 100 * (row.reference / row.proved - 1)
-        by = f", checked anew: {row.recorded_proof}" if row.recorded_proof else ""
+        by = f", recorded: {row.recorded_proof}" if row.recorded_proof else ""
         lower = rounded_down(row.proved, ".6f")
         known = f"proved within {within:.3f} % (lower bound {lower} s{by})"
     kinds = {
