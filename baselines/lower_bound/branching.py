@@ -394,7 +394,7 @@ class _BranchAndBound:
             self.pool.add_violated(squares, x)
             self.pool.add_violated(jerk_rows.violated_ramps(relaxation, x), x)
         cuts = extremal.violated(relaxation, x, violation / 2)
-        # of a segment that may take no time only rows without the displacement say something
+        # where a segment may take no time, a row that counts its displacement bounds nothing
         cuts = [cut for cut in cuts if not brief[cut.segment] or not cut.cells[:, SLOPE:].any()]
         done = {(cut.segment, cut.joint) for cut in cuts}
         for separation in self.separations:

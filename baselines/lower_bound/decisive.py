@@ -31,7 +31,7 @@ LEAST_LOSS = 2e-4
 class DecisivePart(NamedTuple):
     """A problem of some waypoints and joints, by their numbers from 0, and its fastest motion.
 
-    `loss` is the share of the whole time that may be lost.
+    Without the others that motion is shorter, by a share `loss` of the whole time at most.
     """
 
     problem: Problem

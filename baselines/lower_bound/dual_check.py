@@ -29,6 +29,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging import proved_bounds
+from trajopt.judging.check_proof import OPTIONAL, TABLES
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
@@ -99,13 +100,13 @@ class BoundProof:
         if _PREFIX + "steps" not in stats:
             return None
         given = {name.removeprefix(_PREFIX) for name in stats if name.startswith(_PREFIX)}
-        unknown = given - _SHAPES.keys()
+        unknown = given - TABLES.keys()
         if unknown:
-            right = f"a proof of {', '.join(_SHAPES)}"
+            right = f"a proof of {', '.join(TABLES)}"
             raise InvalidInput(f"stats, {_PREFIX}{min(unknown)}", right)
         found = {}
-        for name, columns in _SHAPES.items():
-            if name in _LATER and name not in given:
+        for name, columns in TABLES.items():
+            if name in OPTIONAL and name not in given:
                 continue
             value = _numbers(stats.get(_PREFIX + name))
             if columns and not value.size:
@@ -117,32 +118,12 @@ class BoundProof:
         return cls(**found)
 
 
-_SHAPES = {
-    "units": 0,
-    "cutoff": 0,
-    "tangents": 2,
-    "cuts": 3,
-    "cells": costates.CELL_COLUMNS,
-    "steps": 4,
-    "multipliers": 2,
-    "square_tangents": 2,
-    "ramps": 3,
-    "rates": 2,
-    "waypoints": 0,
-    "joints": 0,
-}
-
-
 def _numbers(value: Any) -> Array:
     """Return a value as an array of floats; NaN if it cannot be one."""
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         return np.array(np.nan)
-
-
-# Tables that a proof may lack.
-_LATER = ("square_tangents", "ramps", "rates", "waypoints", "joints")
 
 
 def proved_bound(problem: Problem, proof: BoundProof) -> float:

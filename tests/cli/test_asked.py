@@ -612,6 +612,9 @@ def test_a_tool_speed_on_the_command_line(run):
     assert told["duration"] == pytest.approx(1 / 0.5 + 0.5 / 2, rel=1e-3)
     told = json.loads(run(f"verify m.json {limits} --tool-speed 0.25 --json")[1])
     assert told["dilation"] == pytest.approx(2.0, rel=1e-3)
+    shown = run(f"verify m.json {limits} --tool-speed 0.25")[1]
+    assert shown.startswith("m.json within arm.urdf, ")
+    assert "tool speed 0.25: not feasible" in " ".join(shown.split())
     assert run(f"judge m.json w.csv {limits} --tool-speed 0.25")[0] == 1
     code, out, _ = run("plan robots-crs-a255-w4 --tool-speed 1")
     assert code == 2

@@ -106,8 +106,9 @@ def test_verify_of_nothing_does_not_hold(run):
 def test_what_holds_is_listed_as_sha256sum_reads_it(run, known, tmp_path):
     folder = tmp_path / "registry"
     (folder / "reversal.json").write_text("damaged")
-    code, _, _ = run("verify", "--write-list", "--registry", "registry")
+    code, out, _ = run("verify", "--write-list", "--registry", "registry")
     assert code == 1
+    assert out.splitlines()[-1] == f"written: registry/{records.PROVED}"
     name = Path(known).name
     digest = hashlib.sha256(Path(known).read_bytes()).hexdigest()
     assert (folder / records.PROVED).read_text() == f"{digest}  {name}\n"
@@ -115,6 +116,8 @@ def test_what_holds_is_listed_as_sha256sum_reads_it(run, known, tmp_path):
     code, _, err = run("verify", "six-axis", "--write-list", "--registry", "registry")
     assert code == 2
     assert "--write-list" in err
+    assert run("verify", "--registry", "none", "--write-list")[0] == 1
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_motion_is_proposed_once(run, tmp_path, capsys):

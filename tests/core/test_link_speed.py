@@ -57,6 +57,12 @@ def two_links(demands=None, **asked):
     return Problem(rows, limits(**asked), chain=chain(), demands=demands or {})
 
 
+def test_inf_on_the_command_line_is_no_limit():
+    stated = ("joint 1=inf,joint 2=0.3", "joint 2=0.3")
+    one, other = (two_links(link_speed=own).digest() for own in stated)
+    assert one == other
+
+
 def test_an_elbow_is_as_fast_as_its_link_is_long(tmp_path):
     problem = read(tmp_path)
     use = problem.limits.worst("link_speed", MOTION)

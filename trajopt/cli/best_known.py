@@ -99,10 +99,12 @@ def verify(
             checked.append(records.checked(file))
             proved += [file] if checked[-1].holds else []
             advance(1)
-    if write_list:
-        records.write_list(proved, where)
     found = Verification(tuple(checked))
     report(found, json)
+    if write_list and files:
+        listed = records.write_list(proved, where)
+        if not json:
+            console.line(f"written: {listed}")
     return 0 if found.holds else 1
 
 

@@ -200,7 +200,10 @@ def check_log_out(path: Path | None, *, force: bool) -> None:
 
 
 def write_log_motion(path: Path | None, found: Execution, *, quiet: bool = False) -> None:
-    """Write a log's motion within its half widths; say so, or why there is none."""
+    """Write the motion that keeps the limits as near to a log as its digits allow.
+
+    A line says what was written, or why there is no such motion.
+    """
     if path is None:
         return
     if not motion_file.write_log(path, found):

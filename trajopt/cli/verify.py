@@ -38,7 +38,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.limits import Limits
+from trajopt.core.limits import KINDS, Limits
 from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, WITH_UNITS, Motion, motion, of_samples
 from trajopt.formats.samples import known_as
@@ -166,6 +166,10 @@ class _Judged:
             raise InvalidInput("--limits", right)
         if self.robot.acceleration is not None:
             said["--acceleration"] = f"{self.robot.acceleration:g} rad/s² for joints without one"
+        if self.robot.payload is not None:
+            said["--payload"] = f"payload {self.robot.payload:g} kg"
+        for key, own in self.robot.numbers.items():
+            said[f"--{key.replace('_', '-')}"] = f"{KINDS[key].name()} {own}"
         return ", ".join(map(str, said.values()))
 
     def __call__(self, path: Path, given: Motion | None = None) -> Execution:

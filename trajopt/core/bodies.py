@@ -109,9 +109,9 @@ class Masses:
 
     @property
     def unreal(self) -> list[int]:
-        """Return the joints, from 0, that move what no distribution of mass is.
+        """Return the joints, from 0, whose inertia no body has.
 
-        Their largest principal moment is more than the sum of the others, by no rounding.
+        Its largest principal moment is above the sum of the other two by more than rounding.
         """
         moments = np.array([_moments(described(own)[4:]) for own in self.bodies])
         over = moments[:, 2] > (1 + _DOUBT_RTOL) * (moments[:, 0] + moments[:, 1])

@@ -94,9 +94,9 @@ class LinkChain:
         return LinkPoint(self.joints - 1, self.tool[:3, 3])
 
     def named(self, joints: Sequence[str]) -> LinkChain:
-        """Return the chain with the names of its joints as those of the links that they move.
+        """Return the chain in which each joint's name also names the link that it moves.
 
-        Such a link begins at its joint's frame. A link of that name stays what it is.
+        Such a link begins at its joint's frame. A link that has that name already keeps its own.
         """
         numbered = zip(joints, range(self.joints), strict=False)
         own = {name: LinkFrame(joint, np.eye(4)) for name, joint in numbered}
@@ -360,10 +360,10 @@ def linked(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain:
 def _carried(
     frames: Mapping[str, JointFrame], names: Sequence[str]
 ) -> Iterator[tuple[str, str, Array]]:
-    """Yield the joints whose links some joints move, each with the joint that moves it.
+    """Yield each joint whose link moves, the joint of `names` that moves it, and its frame there.
 
-    Joints without a name among these stay at 0. The pose is that of a joint's frame in the frame of
-    the joint that moves it.
+    Joints that `names` leaves out stay at 0, so what is behind them moves with the last of `names`
+    before them. The frame is a pose in that joint's frame, m, `(4, 4)`.
     """
     for name in frames:
         pose = np.eye(4)

@@ -167,7 +167,7 @@ def note_unread(source: str, found: Iterable[str]) -> None:
 
 
 def note_unreal(source: str, joints: Iterable[str]) -> None:
-    """Say, with one `FileNote`, of which joints the inertias are no body's (`Masses.unreal`)."""
+    """Name, in one `FileNote`, the joints whose inertia no body has (`Masses.unreal`)."""
     start = "largest moment of inertia above the sum of the other two, as no body has it; behind "
     note(source, start, joints)
 

@@ -62,9 +62,9 @@ ZERO, ONE, HALF, THIRD = Fraction(0), Fraction(1), Fraction(1, 2), Fraction(1, 3
 Numbers = list[Fraction]
 Pair = tuple[Fraction | None, Fraction | None]  # limits downwards and upwards; None: no limit
 Limits = list[list[Pair]]  # by segment and joint
-Sizes = list[list[tuple[Fraction, Fraction]]]  # the same where every joint has both limits
+Sizes = list[list[tuple[Fraction, Fraction]]]  # by segment and joint, where each has both limits
 Quadratic = tuple[Fraction, Fraction, Fraction]  # f₀ + f₁ s + f₂ s²
-Interval = tuple[Fraction, Fraction]  # its ends; it holds a number that may be no fraction
+Interval = tuple[Fraction, Fraction]  # both ends of an enclosure, of a sine say
 Row = tuple[dict[int, Fraction], Fraction]  # coefficients by variable; upper bound of their sum
 
 

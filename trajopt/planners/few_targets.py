@@ -49,7 +49,8 @@ class Passed(NamedTuple):
 
     Attributes:
         times: at which it is nearest, in their order, s, `(waypoints,)`.
-        missed: between each two through which it goes, the one that it misses most.
+        missed: of the waypoints between two through which it goes, the one that it misses most;
+            one for each such two, none where it misses none.
     """
 
     times: Array

@@ -84,7 +84,7 @@ def sharpened(scaled: Scaled, times: Array, velocities: Array) -> Point:
             break
         before = rows.excess
         tried = []
-        # where an inequality touches 0 without crossing it, a step goes half the way
+        # Newton's step to a double root goes half the way: there twice the step is tried
         for factor in (1, 2):
             own = _moved(best, step, factor, limits)
             tried.append((own, _rows(scaled, *own)))

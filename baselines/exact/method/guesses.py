@@ -10,7 +10,6 @@ boxes overlap that is not enough: the optimum may be on any side of a box.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ class Guess(NamedTuple):
 def on_purpose(scaled: Scaled) -> Iterator[Guess]:
     """Yield the chord at three times; with tolerances ten guesses, also from the sides of boxes."""
     r = scaled.tolerance
-    chord = _chord(scaled)
+    chord = _chord(scaled.h, scaled.tolerance)
     for share in (*_TIMES, _SLOW):
         yield _guess(scaled, chord, share)
     if not r.any():
@@ -64,27 +63,35 @@ def cruising(scaled: Scaled) -> Iterator[Guess]:
     chord whose segment next to an end in motion takes the least time.
     """
     r = scaled.tolerance
-    ways = [(_chord(scaled), own) for own in (_CRUISING if r.any() else _CRUISING[:1])]
+    ways = [
+        (_chord(scaled.h, scaled.tolerance), own)
+        for own in (_CRUISING if r.any() else _CRUISING[:1])
+    ]
     if r.any():
         ways += [(side * r, _CRUISING[0]) for side in (0.0, _SIDE, -_SIDE)]
         in_motion = [end for end in (0, -1) if scaled.end_v[end].any()]
         ways += [(_at_once(scaled, end), _CRUISING[0]) for end in in_motion]
     for offset, share in ways:
-        times = (_ways(scaled, offset) / scaled.v).max(axis=(0, 2))
+        times = (_ways(scaled.h, offset) / scaled.v).max(axis=(0, 2))
         yield _guess(scaled, offset, share, times)
 
 
-def _chord(scaled: Scaled) -> Array:
-    """Return the offsets of the shortest way, at the waypoints with a state."""
-    places = np.append(np.zeros((1, scaled.h.shape[1])), np.cumsum(scaled.h, axis=0), axis=0)
+def _chord(h: Array, tolerance: Array) -> Array:
+    """Return the offsets of the shortest way, at the waypoints with a state.
+
+    Args:
+        h: Displacements, `(segments, joints)`.
+        tolerance: At these waypoints.
+    """
+    places = np.append(np.zeros((1, h.shape[1])), np.cumsum(h, axis=0), axis=0)
     chord = places.copy()
     inner = slice(1, len(places) - 1)
-    r = scaled.tolerance[: len(places) - 2]
+    r = tolerance[: len(places) - 2]
     if r.any():
         for _ in range(_SWEEPS):
             middle = (chord[:-2] + chord[2:]) / 2
             chord[inner] = np.clip(middle, places[inner] - r, places[inner] + r)
-    return (chord - places)[1 : len(scaled.tolerance) + 1]
+    return (chord - places)[1 : len(tolerance) + 1]
 
 
 def _at_once(scaled: Scaled, end: int) -> Array:
@@ -104,24 +111,22 @@ def _at_once(scaled: Scaled, end: int) -> Array:
     change = np.clip(time * scaled.end_v[end], h - r, h + r) - h
     offset = np.zeros_like(scaled.tolerance)
     offset[end] = change if end == 0 else -change
-    moved = copy(scaled)
-    moved.h = _ways(scaled, offset)
-    moved.tolerance = np.array(scaled.tolerance)
-    moved.tolerance[end] = 0.0
-    return offset + _chord(moved)
+    others = np.array(scaled.tolerance)
+    others[end] = 0.0
+    return offset + _chord(_ways(scaled.h, offset), others)
 
 
-def _ways(scaled: Scaled, offset: Array) -> Array:
+def _ways(h: Array, offset: Array) -> Array:
     """Return the displacements between places, `(segments, joints)`."""
-    moved = np.zeros((len(scaled.h) + 1, scaled.h.shape[1]))
+    moved = np.zeros((len(h) + 1, h.shape[1]))
     moved[1 : len(offset) + 1] = offset
-    return scaled.h + np.diff(moved, axis=0)
+    return h + np.diff(moved, axis=0)
 
 
 def _guess(scaled: Scaled, offset: Array, share: float, times: Array | None = None) -> Guess:
     """Return the guess at places in a share of some times, by default those of stopping."""
     times = share * np.maximum(scaled.stop if times is None else times, _BRIEFEST * scaled.stop)
-    mean = _ways(scaled, offset) / times[:, None]
+    mean = _ways(scaled.h, offset) / times[:, None]
     after = np.roll(mean, -1, axis=0)
     velocities = ((mean + after) / 2)[: len(offset)]
     return Guess(times, velocities, offset if scaled.tolerance.any() else None)

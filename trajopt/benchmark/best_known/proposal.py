@@ -63,7 +63,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """A problem's record, before its candidates (proposed motions and proofs) are taken and after.
+    """What proposed motions and proofs of a problem, its candidates, change in its record.
 
     Attributes:
         problem: The candidates' problem.

@@ -179,7 +179,7 @@ def _by_name(key: str, text: str) -> dict[str, Any]:
             raise InvalidInput(
                 key, "links, each once, as in forearm_link=0.5,flange=0.25", value=text
             )
-        found[name] = parsed(number)
+        found[name] = np.inf if number == "inf" else parsed(number)
         if found[name] is None:
             raise InvalidInput(f"{key}.{name}", _SPEED, value=number)
     return found

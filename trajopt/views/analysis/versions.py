@@ -23,7 +23,7 @@ Version = tuple[str, str, str]  # planner, options and code
 
 
 class Versioned(Protocol):
-    """What tells of which version of a planner a trial is: a `Trial`, or its row."""
+    """A trial with the version of its planner: a `Trial`, or its row of a table."""
 
     @property
     def id(self) -> str: ...
