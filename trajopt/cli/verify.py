@@ -300,8 +300,8 @@ def _verify_episodes(paths: Sequence[Path], judged: _Judged, rate: float | None,
                 else f", joined as {judged.interpolation}"
             )
             + "; step: the largest change from one position to the next, and when; held: where "
-            "each position is held until the next one comes, the longest time that a joint needs "
-            "for a step from rest to rest, in times of the position's, and when."
+            "each position is held until the next, the time that a joint needs for its step, from "
+            "rest to rest, over the time until the next: the largest ratio, and when."
         )
     return max(codes)
 
@@ -325,12 +325,12 @@ def _told_briefly(found: Execution) -> str:
 
 
 def _uses(found: Execution) -> list[str]:
-    """Return duration, uses and the largest step of an episode, as the table shows them."""
+    """Return duration, uses, largest step and hold of an episode, as the table shows them."""
     uses = [found.certificate.uses.get(key) for key in ("velocity", "acceleration")]
     return [
         f"{found.certificate.duration:.6g}",
         *("" if use is None or not np.isfinite(use.value) else f"{use.value:.4f}" for use in uses),
-        *(f"{size:.3g} at {at:.4g}" for size, _, at in (_steps(found)[0], _held(found)[0])),
+        *(f"{size:.3g}\nat {at:.4g}" for size, _, at in (_steps(found)[0], _held(found)[0])),
     ]
 
 
@@ -344,10 +344,10 @@ def _steps(found: Execution) -> list[tuple[float, int, float]]:
 
 
 def _held(found: Execution) -> list[tuple[float, int, float]]:
-    """Return what each joint is asked for where every position is held until the next, likewise.
+    """Return each joint's largest ratio where every position is held until the next, as `_steps`.
 
-    A held position is a step: the joint needs the time from rest to rest, which is told in times of
-    the position's own. Above 1 it is still under way when the next one comes.
+    A held position is a step, for which the joint needs the time from rest to rest. The ratio is
+    that time over the time until the next position: above 1 the joint is still under way then.
     """
     samples = found.motion.samples
     if samples is None:
