@@ -2,6 +2,7 @@
 
     python tests/soak.py mixes                 # 1000 problems, hours on a core
     python tests/soak.py mixes --first 5000    # others
+    python tests/soak.py mixes --step 2 --wider-every 20 --cut-every 4    # fewer relations
     python tests/soak.py mixes --quick         # 6 problems
 
 Random problems ask for two to five things at once: tolerances that may overlap, least or given
@@ -65,8 +66,8 @@ def solved(problem: Problem) -> tuple[Solution, float]:
     return solution, verify(problem, solution.trajectory).certified_duration or np.nan
 
 
-def checks(seed: int) -> Iterator[Check]:
-    """Yield every check of a problem."""
+def checks(seed: int, *, widened: bool = True, cut: bool = True) -> Iterator[Check]:
+    """Yield every check of a problem: of its answer, of wider demands, of its motion's parts."""
     problem = drawn(seed)
     solution, duration = solved(problem)
     is_solved = solution.status is Status.SOLVED
@@ -75,14 +76,27 @@ def checks(seed: int) -> Iterator[Check]:
         is_proved = solution.status is Status.INFEASIBLE
         yield "answered, or proved infeasible", problem.name, 0.0 if is_proved else np.inf
         return
+    if widened:
+        yield from monotone(problem, seed, duration)
+    if cut:
+        yield from parts(problem, seed)
+
+
+def monotone(problem: Problem, seed: int, duration: float) -> Iterator[Check]:
+    """Yield the checks of wider demands and limits, alone and in pairs."""
     rng = np.random.default_rng([779, seed])
     for key, own in wider(problem):
         alone = solved(own)[1]
         yield f"a wider {key} never lengthens", problem.name, alone / duration - 1
         _, both = list(wider(own))[rng.integers(2)]
         yield "two wider ones never lengthen", problem.name, solved(both)[1] / alone - 1
+
+
+def parts(problem: Problem, seed: int) -> Iterator[Check]:
+    """Yield the checks of the parts into which the motion is cut."""
     whole = replace(problem, demands=mixes.inherited(problem))
-    motion, duration = solved(whole)[0].trajectory, solved(whole)[1]
+    solution, duration = solved(whole)
+    motion = solution.trajectory
     if motion is None or abs(motion.duration / duration - 1) > THEOREM:
         return
     rng = np.random.default_rng([778, seed])
@@ -97,10 +111,10 @@ def checks(seed: int) -> Iterator[Check]:
         if np.abs(motion.waypoint_times - at).min() < 1e-6 or not 0 < at < motion.duration:
             continue
         try:
-            parts = mixes.halves(whole, motion, at)
+            both = mixes.halves(whole, motion, at)
         except InvalidInput:  # a part that stands still is no problem
             continue
-        for part, own in zip(parts, (at, motion.duration - at), strict=True):
+        for part, own in zip(both, (at, motion.duration - at), strict=True):
             yield f"cut {words}", part.name, solved(part)[1] / own - 1
 
 
@@ -115,23 +129,24 @@ def wider(problem: Problem) -> Iterator[tuple[str, Problem]]:
         yield key, replace(problem, limits=problem.limits.widened(key, None, WIDER - 1))
 
 
-def answered(seed: int) -> Iterator[Check]:
-    """Yield every check of a problem; an error is one that does not hold."""
+def answered(seed: int, **asked: bool) -> Iterator[Check]:
+    """Yield the checks of a problem; an error is one that does not hold."""
     try:
-        yield from checks(seed)
+        yield from checks(seed, **asked)
     except Exception as error:  # whatever it is, the other problems count
         yield "no error", f"mix-{seed}: {error!r:.200}", np.inf
 
 
-def written(file: Path, seeds: range) -> None:
+def written(file: Path, seeds: range, wider_every: int, cut_every: int) -> None:
     """Write a row per check as soon as it is known, with the CPU time that it took, s."""
     with file.open("w", newline="", encoding="utf-8") as open_file:
         rows = csv.writer(open_file)
         rows.writerow(["family", "problem", "excess", "cpu_s"])
-        for seed in seeds:
+        for k, seed in enumerate(seeds):
+            asked = {"widened": k % wider_every == 0, "cut": k % cut_every == 0}
             limits = f"with{'' if drawn(seed).has('jerk') else 'out'} jerk limits"
             began = time.process_time()
-            for relation, problem, excess in answered(seed):
+            for relation, problem, excess in answered(seed, **asked):
                 now = time.process_time()
                 rows.writerow([f"{relation}, {limits}", problem, excess, f"{now - began:.3g}"])
                 open_file.flush()
@@ -141,14 +156,20 @@ def written(file: Path, seeds: range) -> None:
 def main(
     problems: int = 1000,
     first: int = 0,
+    step: int = 1,
+    wider_every: int = 1,
+    cut_every: int = 1,
     output: Path = Path("results/mixes"),
     quick: bool = False,
 ) -> None:
-    """Check every relation on each problem, and print how often each holds.
+    """Check the relations on each problem, and print how often each holds.
 
     Args:
         problems: How many; 6 at most if `quick`.
         first: The seed of the first one.
+        step: From a seed to the next; with 2 all have jerk limits, or none.
+        wider_every: Which problems are asked with wider demands too: 10 for every tenth.
+        cut_every: Which motions are cut.
         output: Folder of the tables.
         quick: Few problems.
     """
@@ -156,8 +177,9 @@ def main(
     say(f"{count} problems in all")
     output.mkdir(parents=True, exist_ok=True)
     file = output / "mixes-rows.csv"
+    seeds = range(first, first + count * step, step)
     with suppress(KeyboardInterrupt):
-        written(file, range(first, first + count))
+        written(file, seeds, wider_every, cut_every)
     found = pd.read_csv(file).sort_values("family", kind="stable")
     broken = ~(found["excess"] <= THEOREM)
     soak_report.conclude(found, broken, output / "mixes")

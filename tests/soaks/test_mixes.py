@@ -14,7 +14,7 @@ from soaks import mixes
 def test_an_error_and_a_stop_lose_no_row(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def checks(seed: int) -> Iterator[mixes.Check]:
+    def checks(seed: int, **_: bool) -> Iterator[mixes.Check]:
         yield "cut at random", f"mix-{seed}", 0.0
         if seed == 41:
             raise ZeroDivisionError
@@ -29,3 +29,18 @@ def test_an_error_and_a_stop_lose_no_row(
     said = capsys.readouterr().out
     assert "1   1 no error, with jerk limits" in said
     assert "2   0 cut at random, without jerk limits" in said
+
+
+def test_every_other_seed_and_every_third_of_them_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def checks(seed: int, *, widened: bool, cut: bool) -> Iterator[mixes.Check]:
+        asked.append((seed, widened, cut))
+        yield "solved is certified", f"mix-{seed}", 0.0
+
+    monkeypatch.setattr(mixes, "checks", checks)
+    mixes.main(problems=4, first=41, step=2, wider_every=2, cut_every=3, output=tmp_path)
+    widened_and_cut = [(41, True, True), (43, False, False), (45, True, False), (47, False, True)]
+    assert asked == widened_and_cut
