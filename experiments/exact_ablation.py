@@ -1,7 +1,7 @@
 """What does each supplier of guesses and each special treatment of `exact` and `exact-jerk` earn?
 
     python -m experiments.exact_ablation              # 30 motions and their parts, half an hour
-    python -m experiments.exact_ablation --planner exact-jerk --motions 0 --every 2
+    python -m experiments.exact_ablation --planner exact-jerk --motions 0 --every 5 --seconds 10
 
 The problems are those of the suite `mixes`, parts of the motions of its drawn ones, cut in their
 own state at random and a millisecond from both ends, and some of `moving` and `demands`. Each row
@@ -29,6 +29,7 @@ from experiments.common.output import save_table, say
 from trajopt.benchmark.suites import catalogue, mixes
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.registry import load
 
@@ -131,25 +132,32 @@ def problems(planner: str, motions: int, every: int = EVERY) -> Iterator[tuple[P
 
 
 def durations(planner: str, asked: list[tuple[Problem, float]], variant: Variant) -> Any:
-    """Return the certified durations under a variant, s, and the CPU time, s."""
+    """Return the certified durations under a variant, and the CPU times, s."""
     free_pieces._solver.cache_clear()  # it is built with the constants of a row
     with ExitStack() as changed:
         for place, value in variant.items():
             module, _, attribute = place.partition(":")
             own = import_module(module)
             changed.enter_context(patch.object(own, attribute, value(getattr(own, attribute))))
-        began = time.process_time()
-        motions = [load(planner).solve(problem).trajectory for problem, _ in asked]
-        spent = time.process_time() - began
+        answers = [timed(planner, problem) for problem, _ in asked]
+    motions, spent = zip(*answers, strict=True)
     pairs = zip(asked, motions, strict=True)
     found = [own and verify(problem, own).certified_duration for (problem, _), own in pairs]
-    return np.array([own or np.inf for own in found]), spent
+    return np.array([own or np.inf for own in found]), np.array(spent)
+
+
+def timed(planner: str, problem: Problem) -> tuple[Trajectory | None, float]:
+    """Return a planner's motion and its CPU time, s."""
+    began = time.process_time()
+    motion = load(planner).solve(problem).trajectory
+    return motion, time.process_time() - began
 
 
 def main(
     planner: str = "exact",
     motions: int = 30,
     every: int = EVERY,
+    seconds: float = np.inf,
     output: Path = Path("results"),
     quick: bool = False,
 ) -> None:
@@ -159,18 +167,22 @@ def main(
         planner: `exact` or `exact-jerk`.
         motions: How many drawn problems' motions are cut.
         every: Which problems of `moving` and `demands` count: 2 for every other one.
+        seconds: CPU time; problems that take longer count in no row.
         output: Folder of the table.
         quick: Two motions.
     """
     asked = list(problems(planner, 2 if quick else motions, every))
-    say(f"{len(asked)} problems")
-    rows: dict[str, Any] = {}
+    whole, spent = durations(planner, asked, {})
+    quickly = spent <= seconds
+    asked = [own for own, is_quick in zip(asked, quickly, strict=True) if is_quick]
+    say(f"{len(asked)} problems; {(~quickly).sum()} that take longer do not count")
+    rows = {"all": (whole[quickly], spent[quickly])}
     for name, variant in VARIANTS[planner].items():
-        rows[name] = durations(planner, asked, variant)
-        say(f"{name}: {rows[name][1]:.1f} s")
+        if name != "all":
+            rows[name] = durations(planner, asked, variant)
+        say(f"{name}: {rows[name][1].sum():.1f} s")
     known = [duration for _, duration in asked]
     shortest = np.min([known, *(own for own, _ in rows.values())], axis=0)
-    _, spent = rows["all"]
     table = [
         {
             "without": name,
@@ -178,7 +190,7 @@ def main(
             "no answer": int(np.isinf(excess).sum()),
             "longer at worst, %": 100 * max(excess[np.isfinite(excess)], default=0.0),
             "where": asked[excess.argmax()][0].name if excess.max() > LONGER else None,
-            "CPU time": cpu / spent,
+            "CPU time": cpu.sum() / rows["all"][1].sum(),
         }
         for name, (own, cpu) in rows.items()
         for excess in [own / shortest - 1]
