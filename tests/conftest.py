@@ -35,6 +35,7 @@ def pytest_collection_finish() -> None:
 def _no_word_of_slow_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a command prints must not depend on how fast the machine is."""
     monkeypatch.setattr("trajopt.cli.console._SILENT_S", 1e6)
+    monkeypatch.setattr("trajopt.benchmark.run.progress.LOG_INTERVAL_S", 1e6)
 
 
 @pytest.fixture

@@ -29,6 +29,14 @@ DOCS = ROOT / "docs"
 BY_CI = ("compare", "tests")  # the README's, by .ci/run
 FOLDERS = ("", "how-to", "symptoms", "explanation", "mathematics", "examples/planner-package")
 PAGES = [ROOT / "README.md", *(page for part in FOLDERS for page in (DOCS / part).glob("*.md"))]
+MANY = {
+    "commands",
+    "planner",
+    "near-joint-ends",
+    "robots",
+    "replanning-in-motion",
+    "report",
+}  # runs
 BLOCK = re.compile(r"^(?:<!-- ((?:(?!-->).)*) -->\n)?```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 COMMAND = re.compile(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", re.M)
 NUMBER = re.compile(r"[+-]?\d[\d.]*(?:e[+-]\d+)?")
@@ -128,7 +136,17 @@ def results(text):
     return [float(number) for number in RESULT.findall(PEAK.sub("", text))]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(
+            page,
+            id=page.relative_to(ROOT).as_posix(),
+            marks=[pytest.mark.long] if page.stem in MANY else [],
+        )
+        for page in PAGES
+    ],
+)
 def test_the_blocks_of_a_page_run(page, folder, capsys):
     text = page.read_text(encoding="utf-8")
     files = BLOCK.findall(ROBOTS) if "ur5e" in text or ".urdf" in text else []

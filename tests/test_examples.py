@@ -58,6 +58,7 @@ def test_the_package_is_known_by_name_and_its_own_tests_pass(environment):
     assert "2 passed" in done.stdout
 
 
+@pytest.mark.long
 def test_the_commands_of_its_page_run(environment, tmp_path):
     page = (EXAMPLES / "planner-package" / "README.md").read_text(encoding="utf-8")
     for command in re.findall(r"^trajopt (.*?)  +#", page, re.M):

@@ -35,6 +35,7 @@ def test_an_example_runs_and_draws(script, tmp_path, monkeypatch):
     plt.close("all")
 
 
+@pytest.mark.long
 def test_the_notebook_runs_without_a_warning(tmp_path, monkeypatch):
     """Warnings are errors here."""
     monkeypatch.chdir(tmp_path)

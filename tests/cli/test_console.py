@@ -13,6 +13,7 @@ import pytest
 from rich.console import Console
 from work import without_progress
 
+from trajopt.benchmark.run import progress
 from trajopt.benchmark.run.progress import Line, Progress
 from trajopt.cli import app, compare, console
 
@@ -248,7 +249,8 @@ def test_commands_show_names_as_they_are(evil, capsys, monkeypatch, arguments):
 # --- progress in a log ---
 
 
-def test_a_log_gets_lines_with_the_time_left(capsys):
+def test_a_log_gets_lines_with_the_time_left(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "LOG_INTERVAL_S", 10.0)
     clock = iter([0.0, 0.0, 4.0, 20.0, 21.0, 100.0])
     line = Line(rewritten=False, clock=lambda: next(clock))
     for finished in (40, 50, 60, 61, 100):  # 40 were there already

@@ -122,6 +122,7 @@ def test_a_short_window_cannot_be_told_and_the_answer_s_window_is_enough(run):
     assert json.loads(out)["evidence"]["verdict"] == "kept"
 
 
+@pytest.mark.long
 def test_a_cut_log_is_judged_and_a_line_says_so(run):
     write("log.csv", cut=0.5)
     limits()

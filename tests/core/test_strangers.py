@@ -74,6 +74,7 @@ def run(folder: Path, *arguments: str, packages: Path | None = None):
     )
 
 
+@pytest.mark.long
 def test_the_kind_of_a_package_is_compared_verified_and_unknown_without_it(tmp_path):
     """The example's problem: 4.441 s along the chords, and 4.52 s are possible."""
     packages = tmp_path / "packages"

@@ -20,6 +20,7 @@ def test_the_tightest_joint_alone_bounds_a_straight_line(seed):
             assert (np.sort(tightest)[1:] >= np.sort(tightest)[0] * (1 - 1e-12)).all()
 
 
+@pytest.mark.long
 def test_the_quick_look_finds_nothing_beyond_tolerance(tmp_path, capsys):
     known_optima.main(0.004, tmp_path)
     assert "two waypoints" in capsys.readouterr().out

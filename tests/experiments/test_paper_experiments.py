@@ -264,6 +264,7 @@ def test_study_in_small_and_not_twice(tmp_path, monkeypatch):
     assert len(found["issa", "shared"].times) == 4
 
 
+@pytest.mark.long
 def test_readings_in_small_and_not_twice(tmp_path, monkeypatch, capsys):
     names = {"default", "PSO of 1995", "eq. 31 as printed", "bounds 0.5–4 s"}
     few = [reading for reading in READINGS if reading.name in names]
@@ -365,6 +366,7 @@ def test_the_inverse_in_small(tmp_path):
     assert table["largest miss"].max() < 1e-9
 
 
+@pytest.mark.long
 def test_every_item_of_the_paper_has_a_command_and_a_verdict():
     page = (Path(__file__).parents[2] / "docs/paper.md").read_text(encoding="utf-8")
     table = page.split("| item of the paper |")[1].split("\n\n")[0]

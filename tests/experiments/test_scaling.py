@@ -33,6 +33,7 @@ def test_a_walk_is_the_beginning_of_a_longer_one():
     assert not long.has("position")
 
 
+@pytest.mark.long
 def test_sizes_are_measured_once_and_drawn(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(scaling, "together", lambda planner, count: [{"MB": 1.0}])
     monkeypatch.setattr(scaling, "beside", lambda peer, problem: [{"ms": 1.0}])

@@ -189,8 +189,11 @@ def test_signals_to_its_judge_or_the_server_end_as_results(file, monkeypatch, si
     results = compare([PROBLEM], [file(before=end), "ruckig-stop"], "r", seeds=1, timeout=timeout)
     found = {trial.planner: trial for trial in results.items}
     statuses = {name: str(trial.status) for name, trial in found.items()}
-    own = "crashed" if message else "solved"
-    assert statuses == {"P": own, "exact": "solved", "ruckig-stop": "solved"}
+    assert statuses.pop("P") == ("crashed" if message else "solved")
+    # within three seconds a busy machine may not even start them
+    answered = {"solved", "timeout"} if sign == "SIGSTOP" else {"solved"}
+    assert statuses.keys() == {"exact", "ruckig-stop"}
+    assert set(statuses.values()) <= answered
     assert (message or "") in found["P"].message
 
 

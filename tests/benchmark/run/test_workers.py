@@ -80,9 +80,9 @@ def lives(pid: int) -> bool:
 
 
 def outlived(file: Path) -> list[int]:
-    """Return the processes that still run after ten seconds."""
+    """Return the processes that still run after two minutes."""
     pids = [int(line) for line in file.read_text().split()]
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 120.0
     while any(map(lives, pids)) and time.monotonic() < end:
         time.sleep(0.05)
     return [pid for pid in pids if lives(pid)]
@@ -95,7 +95,7 @@ needs_groups = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="
 def test_what_a_planner_started_ends_with_its_trial_s_process(tmp_path: Path) -> None:
     pids = tmp_path / "pids"
     planners = [(then, Parent(str(pids), then)) for then in ("answer", "die", "hang")]
-    results = compare(["one-joint"], planners, tmp_path, jobs=2, timeout=8.0)
+    results = compare(["one-joint"], planners, tmp_path, jobs=2, timeout=20.0)
     statuses = {trial.planner: trial.status for trial in results.items}
     expected = {"answer": Status.FAILED, "die": Status.CRASHED, "hang": Status.TIMEOUT}
     assert {name: statuses[name] for name in expected} == expected
