@@ -29,14 +29,7 @@ DOCS = ROOT / "docs"
 BY_CI = ("compare", "tests")  # the README's, by .ci/run
 FOLDERS = ("", "how-to", "symptoms", "explanation", "mathematics", "examples/planner-package")
 PAGES = [ROOT / "README.md", *(page for part in FOLDERS for page in (DOCS / part).glob("*.md"))]
-MANY = {
-    "commands",
-    "planner",
-    "near-joint-ends",
-    "robots",
-    "replanning-in-motion",
-    "report",
-}  # runs
+RUN_MANY = {"commands", "planner", "near-joint-ends", "robots", "replanning-in-motion", "report"}
 BLOCK = re.compile(r"^(?:<!-- ((?:(?!-->).)*) -->\n)?```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 COMMAND = re.compile(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", re.M)
 NUMBER = re.compile(r"[+-]?\d[\d.]*(?:e[+-]\d+)?")
@@ -142,7 +135,7 @@ def results(text):
         pytest.param(
             page,
             id=page.relative_to(ROOT).as_posix(),
-            marks=[pytest.mark.long] if page.stem in MANY else [],
+            marks=[pytest.mark.long] if page.stem in RUN_MANY else [],
         )
         for page in PAGES
     ],
