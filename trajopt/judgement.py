@@ -106,7 +106,7 @@ class Execution:
         limits = self.problem.limits
         if self.evidence is None:
             return standing_of(self.motion.trajectory, limits)
-        half = np.array([own.known.known for own in self.evidence.joints])
+        half = np.array([logged.known.known for logged in self.evidence.joints])
         return standing(self.evidence.log.times, self.evidence.log.positions, half, limits)
 
     @property
@@ -196,8 +196,8 @@ class Judgement(Execution):
             return None
         known = records.answer(self.problem)
         slower = self.certificate.motion
-        own = slower or self.trajectory
-        return decomposition.explain(self.problem, None, own, known)
+        trajectory = slower or self.trajectory
+        return decomposition.explain(self.problem, None, trajectory, known)
 
     @cached_property
     def optimum_within(self) -> float | None:
@@ -210,7 +210,7 @@ class Judgement(Execution):
         demands: dict[str, Any] = {**self.asked.demands, "tolerance": self.via_tolerance}
         near = replace(self.asked, demands=demands)
         answers = (references.asked(name, near) for name in references.references(near))
-        return next((own.duration for own in answers if own.duration is not None), None)
+        return next((answer.duration for answer in answers if answer.duration is not None), None)
 
     @property
     def gap(self) -> float | None:
@@ -380,7 +380,7 @@ def _passed(
         via_tolerance=via_tolerance,
         tolerance_needed=via_tolerance > 0,
         asked=strict.problem,
-        ends_taken=max((_off(strict, key, own) for key, own in ends.items()), default=0.0),
+        ends_taken=max((_off(strict, key, state) for key, state in ends.items()), default=0.0),
     )
     helps = passed.certificate.valid or (passed.without_jerk and not strict.without_jerk)
     return passed if helps else None
@@ -410,8 +410,8 @@ def _demanded(strict: Judgement, key: str) -> Array:
     return np.zeros(strict.problem.joints) + strict.problem.demands.get(key, 0.0)
 
 
-def _off(strict: Judgement, key: str, own: Array) -> float:
-    return float(np.abs(own - _demanded(strict, key)).max())
+def _off(strict: Judgement, key: str, state: Array) -> float:
+    return float(np.abs(state - _demanded(strict, key)).max())
 
 
 def without_jerk(problem: Problem) -> Problem | None:
@@ -433,8 +433,8 @@ def motion_of(
     (trial,) = recorded(Path(motion))
     if trial.solution.trajectory is None:
         raise InvalidInput("motion", "a trial with a trajectory", file=str(motion))
-    own = read_motion(trial.solution.trajectory, interpolation)
-    return replace(own, name=Path(motion).name, joint_names=trial.problem.joint_names)
+    of_trial = read_motion(trial.solution.trajectory, interpolation)
+    return replace(of_trial, name=Path(motion).name, joint_names=trial.problem.joint_names)
 
 
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
@@ -464,9 +464,9 @@ def _beyond_both(problem: Problem, motion: Trajectory, waypoint: int, times: Arr
 
 
 def _check_joints(motion: Motion, joints: int) -> None:
-    own = motion.trajectory.joints
-    if own != joints:
-        raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
+    count = motion.trajectory.joints
+    if count != joints:
+        raise InvalidInput("joints", f"{joints}, as the problem has", value=count, file=motion.name)
 
 
 def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
@@ -554,10 +554,10 @@ def as_executed(
         right = f"a motion; {known} this one stays where it is"
         raise InvalidInput("motion", right, file=motion.name)
     times = trajectory.breaks[_own_waypoints(at_breaks, limits)]
-    own = replace(trajectory, waypoint_times=times)
+    timed = replace(trajectory, waypoint_times=times)
     low, high = limits.position.T
     problem = Problem(
-        np.clip(own(times), low, high),
+        np.clip(timed(times), low, high),
         limits,
         name=motion.name,
         joint_names=motion.joint_names,
@@ -567,16 +567,16 @@ def as_executed(
     motion.check_units(problem)
     _warn_of_units(problem, motion.trajectory(times))
     unjudged = () if accelerations else ("acceleration",)
-    certificate = _of_limits(problem, own, unjudged, at_rest=at_rest)
+    certificate = _of_limits(problem, timed, unjudged, at_rest=at_rest)
     found = Execution(motion, problem, certificate, evidence=told)
     if ends is None and not (at_rest and certificate.valid):
-        moving = replace(problem, demands=states(own, limits))
+        moving = replace(problem, demands=states(timed, limits))
         if told is not None:
-            between = verify(moving, own, unjudged=unjudged)
+            between = verify(moving, timed, unjudged=unjudged)
             if between.valid:
                 found = Execution(motion, moving, between, evidence=told)
                 return replace(found, evidence=_confirmed(found, valid=True))
-        free = _of_limits(moving, own, unjudged, at_rest=False)
+        free = _of_limits(moving, timed, unjudged, at_rest=False)
         if len(free.flaws) < len(certificate.flaws) or not at_rest:
             found = replace(found, problem=moving, certificate=free, cut=True)
     return replace(found, evidence=_confirmed(found, valid=found.certificate.valid))
@@ -597,36 +597,36 @@ def taking_over(found: Execution, before: Motion, at: float) -> Execution:
     Raises:
         InvalidInput: The motion before ends earlier, or has other joints.
     """
-    own = before.trajectory
+    running = before.trajectory
     _check_joints(before, found.problem.joints)
-    if not 0 <= at <= own.duration:
-        right = f"a time from 0 to {own.duration:.6g} s, in {before.name}"
+    if not 0 <= at <= running.duration:
+        right = f"a time from 0 to {running.duration:.6g} s, in {before.name}"
         raise InvalidInput("at", right, value=at)
-    state = [own(at, order) for order in range(3)]
+    state = [running(at, order) for order in range(3)]
     jumps, flaws = hand_over(found.problem, found.executed, state)
     certificate = replace(found.certificate, flaws=(*flaws, *found.certificate.flaws))
     return replace(found, certificate=certificate, jumps=tuple(jumps))
 
 
 def _of_limits(
-    problem: Problem, own: Trajectory, unjudged: Collection[str], *, at_rest: bool
+    problem: Problem, trajectory: Trajectory, unjudged: Collection[str], *, at_rest: bool
 ) -> Certificate:
     """Return the certificate of a motion whose waypoints are its own.
 
     These are moved into the position limits; a motion that leaves them misses no waypoint there,
     and does not jump.
     """
-    certificate = verify(problem, own, unjudged=unjudged, at_rest=at_rest)
-    beyond = np.abs(own(own.waypoint_times) - problem.waypoints).max(axis=0)
+    certificate = verify(problem, trajectory, unjudged=unjudged, at_rest=at_rest)
+    beyond = np.abs(trajectory(trajectory.waypoint_times) - problem.waypoints).max(axis=0)
     if certificate.valid or not (beyond > problem.rounding).any():
         return certificate
-    free = replace(problem.without("position"), waypoints=own(own.waypoint_times))
-    found = verify(free, own, unjudged=unjudged, at_rest=at_rest)
-    use = problem.limits.worst("position", own)
+    free = replace(problem.without("position"), waypoints=trajectory(trajectory.waypoint_times))
+    found = verify(free, trajectory, unjudged=unjudged, at_rest=at_rest)
+    use = problem.limits.worst("position", trajectory)
     flaw = problem.limits.kinds["position"].flaw(use, np.zeros(problem.joints), problem)
     if flaw and use.joint is not None:
         low, high = problem.limits.position[use.joint]
-        there = float(own(use.time)[use.joint])
+        there = float(trajectory(use.time)[use.joint])
         flaw += f" ({there:.3g} of {high if there > high else low:.3g})"
     uses = {key: found.uses.get(key, use) for key in certificate.uses}
     return replace(found, uses=uses, flaws=tuple(filter(None, [flaw, *found.flaws])))
@@ -686,7 +686,7 @@ def without_turns(motion: Motion, limits: Limits) -> Motion:
     positions, rows = unwrapped(samples.times, samples.positions, exact, limits, turning)
     if not any(rows):
         return motion
-    names = [name for name, own in zip(samples.joint_names, rows, strict=True) if own]
+    names = [name for name, is_turned in zip(samples.joint_names, rows, strict=True) if is_turned]
     warnings.warn(
         FileNote(f"{motion.name}: steps of whole turns are no motion of {', '.join(names)}"),
         stacklevel=3,
@@ -698,21 +698,21 @@ def without_turns(motion: Motion, limits: Limits) -> Motion:
 
 def at_turns(motion: Motion, problem: Problem) -> Motion:
     """Return the motion with joints without position limits moved by whole turns to its start."""
-    own = motion.trajectory
+    trajectory = motion.trajectory
     free = np.isinf(problem.limits.position).all(axis=1)
     turning = [problem.unit(joint) == "rad" for joint in range(problem.joints)]
-    turns = np.round((problem.waypoints[0] - own(0.0)) / tau) * (free & np.array(turning))
+    turns = np.round((problem.waypoints[0] - trajectory(0.0)) / tau) * (free & np.array(turning))
     turns[np.abs(turns) > 1e3] = 0.0  # no numbers of a robot
     if not turns.any():
         return motion
-    joints = [label for label, own in zip(problem.joint_labels, turns, strict=True) if own]
+    joints = [label for label, turn in zip(problem.joint_labels, turns, strict=True) if turn]
     warnings.warn(
         FileNote(f"{motion.name}: moved by whole turns to the first waypoint: {', '.join(joints)}"),
         stacklevel=3,
     )
-    moved = own.coefficients.copy()
+    moved = trajectory.coefficients.copy()
     moved[-1] += tau * turns
-    return replace(motion, trajectory=replace(own, coefficients=moved))
+    return replace(motion, trajectory=replace(trajectory, coefficients=moved))
 
 
 def _ends(motion: Trajectory) -> dict[str, list[float]]:
@@ -750,8 +750,8 @@ class GivenMotion(Planner):
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the motion with the times at which it comes closest to the waypoints, in order."""
-        own = self.motion.for_joints(problem.joint_names)
-        return Solution(Status.SOLVED, passing(problem, own.trajectory))
+        ordered = self.motion.for_joints(problem.joint_names)
+        return Solution(Status.SOLVED, passing(problem, ordered.trajectory))
 
     def unsupported(self, problem: Problem) -> str | None:
         """Say why it is not a motion of this problem's robot; None if it is."""

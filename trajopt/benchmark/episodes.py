@@ -99,7 +99,7 @@ def read(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = _read(path, unit, joint_units, rate, size)
-    for said, kind in dict.fromkeys((str(own.message), own.category) for own in caught):
+    for said, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
         warnings.warn(kind(said), stacklevel=2)  # once, not for each part
     return found
 
@@ -116,15 +116,17 @@ def _read(
         whole = list(_tables(path, rate))
         if not whole:
             raise InvalidInput("episodes", "one at least; the file has none")
-        every = [own for name, table in whole for own in _told_apart(name, table)]
+        every = [part for name, table in whole for part in _told_apart(name, table)]
         if size is not None:
-            every = [own for name, table in every for own in _of_size(name, table, size)]
+            every = [part for name, table in every for part in _of_size(name, table, size)]
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
-    headings = [own for _, table in every if isinstance(table, Table) for own in table.headings]
+    headings = [
+        heading for _, table in every if isinstance(table, Table) for heading in table.headings
+    ]
     if "angle" not in wanted:
         wanted["angle"] = "rad"
-        if not any(csv_file.heading(own)[1] in ANGLES for own in headings):
+        if not any(csv_file.heading(heading)[1] in ANGLES for heading in headings):
             note = f"{path.name}: angles are read in rad; unit=deg if not"
             warnings.warn(FileNote(note), stacklevel=2)
     parts: list[Episode] = []
@@ -163,14 +165,14 @@ def _tables(path: Path, rate: float | None) -> Iterator[tuple[str, Table | Inval
         return
     for name, held in _held(path):
         try:
-            own = dict(held)
-            for key, value in own.items():
+            told = dict(held)
+            for key, value in told.items():
                 array = _array(value)
                 if array is not None and array.ndim == 2 and len(array) == 1:
                     raise InvalidInput(key, "at least two targets", value=1)
             if rate is not None:
-                own = {"fps": rate, **{key: value for key, value in own.items() if key != "fps"}}
-            yield name, arrays.table(own, path.name)
+                told = {"fps": rate, **{key: value for key, value in told.items() if key != "fps"}}
+            yield name, arrays.table(told, path.name)
         except InvalidInput as error:
             yield name, error
 
@@ -191,14 +193,16 @@ def _held(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
         (only,) = given.values()
         given = only if _is_list_of_tables(only) else given
     if _is_list_of_tables(given):
-        for own in given:
-            yield str(own.get("name", "")), own
+        for row in given:
+            yield str(row.get("name", "")), row
         return
     if isinstance(given, np.ndarray):
         given = {"action": given}
     if not isinstance(given, Mapping):
         raise InvalidInput("samples", "a table of arrays, or a list with a table for each chunk")
-    sizes = {len(own) for own in map(_array, given.values()) if own is not None and own.ndim == 3}
+    sizes = {
+        len(array) for array in map(_array, given.values()) if array is not None and array.ndim == 3
+    }
     if len(sizes) != 1:
         yield "", given
         return
@@ -211,9 +215,11 @@ def _is_list_of_tables(given: Any) -> bool:
     """Return whether this is a list of tables, each with an array of two axes."""
     if not isinstance(given, list) or not given:
         return False
-    if not all(isinstance(own, Mapping) for own in given):
+    if not all(isinstance(row, Mapping) for row in given):
         return False
-    two = [own for own in map(_array, given[0].values()) if own is not None and own.ndim == 2]
+    two = [
+        array for array in map(_array, given[0].values()) if array is not None and array.ndim == 2
+    ]
     return bool(two)
 
 
@@ -242,8 +248,8 @@ def _told_apart(
     keys = [
         index
         for pattern in _KEYS
-        for index, own in enumerate(table.headings)
-        if pattern.fullmatch(csv_file.heading(own)[0].strip())
+        for index, heading in enumerate(table.headings)
+        if pattern.fullmatch(csv_file.heading(heading)[0].strip())
     ]
     if not keys:
         yield name, table
@@ -279,7 +285,7 @@ def _rows(table: Table, rows: Sequence[int]) -> Table:
     return replace(
         table,
         lines=[table.lines[row] for row in rows],
-        cells=[[own[row] for row in rows] for own in table.columns],
+        cells=[[column[row] for row in rows] for column in table.columns],
     )
 
 
@@ -291,7 +297,7 @@ def _timed(table: Table, rate: float | None) -> Table:
     headings, cells = list(table.headings), list(table.columns)
     if not any(headings):
         headings = [f"joint_{index + 1}" for index in range(len(headings))]
-    clocks = [i for i, own in enumerate(headings) if samples_csv.kind(own) == "time"]
+    clocks = [i for i, heading in enumerate(headings) if samples_csv.kind(heading) == "time"]
     if rate is None and not clocks:
         raise InvalidInput("times", "a column of times, or --rate, targets per second")
     if rate is not None:
@@ -324,7 +330,7 @@ def _parquet(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
             right = "a list of numbers in each row, all of one length"
             raise InvalidInput(f"column {name}", right) from None
     info = _info(path)
-    chunked = [name for name, own in held.items() if own.ndim == 3]
+    chunked = [name for name, array in held.items() if array.ndim == 3]
     if chunked:
         for number in range(len(held[chunked[0]])):
             yield "", {**info, **{name: held[name][number] for name in chunked}}
@@ -337,7 +343,7 @@ def _parquet(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
     for number in numbers or [None]:
         some = slice(None) if number is None else index == number
         name = f"episode-{number}" if len(numbers) > 1 else ""
-        yield name, {**info, **{key: own[some] for key, own in held.items()}}
+        yield name, {**info, **{key: array[some] for key, array in held.items()}}
 
 
 def _is_numbers(pyarrow: Any, kind: Any) -> bool:
@@ -355,7 +361,7 @@ def _rows_of(column: Any) -> NDArray[Any]:
         TypeError, ValueError: Lists are of several lengths, or one is missing.
     """
     found = column.to_pylist()
-    if any(isinstance(own, list) for own in found):
+    if any(isinstance(cell, list) for cell in found):
         return np.array(found, dtype=float)
     return np.asarray(column.to_numpy())
 
@@ -372,7 +378,7 @@ def _info(path: Path) -> dict[str, Any]:
             names = next(iter(names.values()), None)
         told: dict[str, Any] = {}
         if isinstance(names, list) and names:
-            told["joint_names"] = [str(own).removesuffix(".pos") for own in names]
+            told["joint_names"] = [str(name).removesuffix(".pos") for name in names]
         rate = _under(found, "fps")
         return told | ({} if rate is None else {"fps": rate})
     return {}
@@ -393,23 +399,26 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
     import h5py  # late: reading other files needs none of it
 
     held: list[tuple[str, dict[str, Any]]] = []
-    own: dict[str, Any]
+    episode: dict[str, Any]
     try:
         with files.opened(path) as opened, h5py.File(opened, "r") as file:
             demos = file.get("data")
             if isinstance(demos, h5py.Group):
                 env = json.loads(demos.attrs.get("env_args", "{}"))
                 rate = _under(env, "env_kwargs", "control_freq")
-                for name in sorted(demos, key=lambda own: (len(own), own)):
-                    own = {"q": _positions(demos, f"{name}/obs/robot0_joint_pos")}
-                    held.append((name, own | ({} if rate is None else {"fps": rate})))
+                for name in sorted(demos, key=lambda demo: (len(demo), demo)):
+                    episode = {"q": _positions(demos, f"{name}/obs/robot0_joint_pos")}
+                    held.append((name, episode | ({} if rate is None else {"fps": rate})))
             else:
                 action = _positions(file, "action")
-                own = {"action": action, "observation.state": _positions(file, "observations/qpos")}
+                episode = {
+                    "action": action,
+                    "observation.state": _positions(file, "observations/qpos"),
+                }
                 if action.shape[1] == 2 * len(_ALOHA):
                     sides = [f"{side}_{key}" for side in ("left", "right") for key in _ALOHA]
-                    own["joint_names"] = sides
-                held.append(("", own))
+                    episode["joint_names"] = sides
+                held.append(("", episode))
     except InvalidInput:
         raise
     except (OSError, ValueError) as error:
@@ -438,8 +447,8 @@ def _mcap(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
         with files.opened(path) as file:
             bag = bags.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
             messages = [
-                (channel.topic, own.log_time, message)
-                for _, channel, own, message in bag.iter_decoded_messages()
+                (channel.topic, record.log_time, message)
+                for _, channel, record, message in bag.iter_decoded_messages()
                 if hasattr(message, "position") or hasattr(message, "points")
             ]
         for name, log_time, message in messages:

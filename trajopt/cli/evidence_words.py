@@ -58,15 +58,15 @@ def print_evidence(found: Evidence, execution: Execution) -> None:
 def _premises(found: Evidence, execution: Execution) -> Iterator[str]:
     """Say what positions are known to: a sentence for all joints that are known alike."""
     labels = execution.problem.joint_labels
-    moving = [joint for joint, own in enumerate(found.joints) if np.ptp(own.positions) > 0]
+    moving = [joint for joint, logged in enumerate(found.joints) if np.ptp(logged.positions) > 0]
     alike: dict[tuple[object, ...], list[int]] = {}
     for joint in moving or range(len(found.joints)):
         kind = (_kind(found.joints[joint].known), found.log.decimals[joint])
         alike.setdefault(kind, []).append(joint)
-    groups = sorted(alike.values(), key=lambda own: -found.joints[own[0]].known.known)
+    groups = sorted(alike.values(), key=lambda joints: -found.joints[joints[0]].known.known)
     proof = found.conviction
     if proof is not None:  # its premise is always there
-        groups.sort(key=lambda own: proof.joint not in own)
+        groups.sort(key=lambda joints: proof.joint not in joints)
     for joints in groups[:_MOST_PREMISES]:
         names = "" if len(groups) == 1 else f"{', '.join(labels[joint] for joint in joints)}: "
         widest = max(joints, key=lambda joint: found.joints[joint].known.known)
@@ -85,8 +85,8 @@ def _premises(found: Evidence, execution: Execution) -> Iterator[str]:
                 f"turns after {times} s are no motion."
             )
     if found.lost:
-        count = sum(own.count for own in found.lost)
-        times = _times(found.joints[0].times[[own.row for own in found.lost]])
+        count = sum(loss.count for loss in found.lost)
+        times = _times(found.joints[0].times[[loss.row for loss in found.lost]])
         which = "1 row seems" if count == 1 else f"{count} rows seem"
         yield (
             f"{which} to be missing, after {times} s, where times were written as if none was: the "
@@ -144,8 +144,10 @@ def _width(known: Premise) -> str:
 
 
 def _range(found: Evidence, execution: Execution) -> str:
-    moving = [own.known for own in found.joints if np.ptp(own.positions) > 0]
-    widest = max(moving or [own.known for own in found.joints], key=lambda own: own.known)
+    moving = [logged.known for logged in found.joints if np.ptp(logged.positions) > 0]
+    widest = max(
+        moving or [logged.known for logged in found.joints], key=lambda logged: logged.known
+    )
     rate = 1 / float(np.median(np.diff(found.log.times)))
     return f"{_width(widest)} {execution.problem.shared_unit()} at {rate:.4g} Hz"
 
@@ -159,9 +161,9 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
         yield from _proved(found.conviction, found, execution)
         if len(found.convictions) > 1:
             each = [
-                f"{labels[own.joint]} {own.at_least:.4f}"
-                for own in found.convictions
-                if own.limit != "position"
+                f"{labels[proof.joint]} {proof.at_least:.4f}"
+                for proof in found.convictions
+                if proof.limit != "position"
             ]
             yield f"Times its limits, each joint that breaks some: {', '.join(each)}."
         if found.by_positions not in (None, "broken"):
@@ -171,7 +173,7 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
             )
     elif found.motion is None:
         yield "No motion within these widths was found, and no proof that there is none."
-    elif any(own.uses is not None and own.uses > 1 + KEPT_RTOL for own in found.limits.values()):
+    elif any(told.uses is not None and told.uses > 1 + KEPT_RTOL for told in found.limits.values()):
         yield (
             "The best motion that was found within these widths breaks a limit, and there is no "
             "proof that every motion does."
@@ -181,10 +183,12 @@ def _sentences(found: Evidence, execution: Execution) -> Iterator[str]:
     other = _otherwise(found)
     if other:
         yield other
-    reasons = {own.no_readings for own in found.joints} - {""}
+    reasons = {logged.no_readings for logged in found.joints} - {""}
     for reason in sorted(reasons):
         joints = [
-            labels[joint] for joint, own in enumerate(found.joints) if own.no_readings == reason
+            labels[joint]
+            for joint, logged in enumerate(found.joints)
+            if logged.no_readings == reason
         ]
         which = "" if len(joints) == len(labels) else f" of {', '.join(joints)}"
         yield f"The velocities{which} are left out: {reason}."
@@ -213,55 +217,56 @@ def _hidden(found: Evidence) -> str:
     )
 
 
-def _proved(own: Conviction, found: Evidence, execution: Execution) -> Iterator[str]:
+def _proved(proved: Conviction, found: Evidence, execution: Execution) -> Iterator[str]:
     """Say what is proved under which premise, by which rows, and how far off that must be."""
     problem = execution.problem
-    joint, unit = problem.joint_labels[own.joint], problem.unit(own.joint)
-    known = found.joints[own.joint].known
-    if own.of_velocities:
-        premise = f"With velocities known to ±{own.half.max():.2g} {unit}/s"
+    joint, unit = problem.joint_labels[proved.joint], problem.unit(proved.joint)
+    known = found.joints[proved.joint].known
+    if proved.of_velocities:
+        premise = f"With velocities known to ±{proved.half.max():.2g} {unit}/s"
     else:
         premise = f"With positions known to {_width(known)} {unit}"
     chance = f", with noise that convicts {NOISE_DOUBT * 100:g} % of lawful logs"
     proof = "proved" + (chance if known.statistical and known.seen else "")
-    if own.limit == "position":
+    if proved.limit == "position":
         yield (
-            f"{premise}, {joint} is at least {own.at_least:.4g} {unit} beyond its position limits "
-            f"at {own.start:.6g} s ({proof})."
+            f"{premise}, {joint} is at least {proved.at_least:.4g} {unit} beyond its position "
+            f"limits at {proved.start:.6g} s ({proof})."
         )
         return
-    kind = KINDS[own.limit].name() if own.limit else ""
-    if not len(own.values):
+    kind = KINDS[proved.limit].name() if proved.limit else ""
+    if not len(proved.values):
         limits = f"{kind} limit" if kind else "limits together"
         yield (
-            f"{premise}, {joint} needs at least {own.at_least:.4f} times its {limits} between "
-            f"{own.start:.6g} and {own.end:.6g} s ({proof}, by all rows between)."
+            f"{premise}, {joint} needs at least {proved.at_least:.4f} times its {limits} between "
+            f"{proved.start:.6g} and {proved.end:.6g} s ({proof}, by all rows between)."
         )
         return
-    times = _times(own.times)
-    if len(own.times) == 1:
-        yield f"{premise}, {joint}'s {kind} at {times} s is at least {_times_limit(own)} ({proof})."
+    times = _times(proved.times)
+    if len(proved.times) == 1:
+        at_least = _times_limit(proved)
+        yield f"{premise}, {joint}'s {kind} at {times} s is at least {at_least} ({proof})."
     else:
-        count = _COUNTS[len(own.times)]
+        count = _COUNTS[len(proved.times)]
         yield (
             f"{premise}, {joint}'s mean {kind} over the rows at {times} s is at least "
-            f"{_times_limit(own)} ({proof}; these {count} rows suffice)."
+            f"{_times_limit(proved)} ({proof}; these {count} rows suffice)."
         )
-    what = "velocities" if own.of_velocities else "positions"
-    if own.margin > 1:
-        yield f"Lawful only if {what} were off by at least {own.margin:.3g} times as much."
+    what = "velocities" if proved.of_velocities else "positions"
+    if proved.margin > 1:
+        yield f"Lawful only if {what} were off by at least {proved.margin:.3g} times as much."
 
 
-def _times_limit(own: Conviction) -> str:
-    return f"{own.at_least:.4f} times its limit"
+def _times_limit(proved: Conviction) -> str:
+    return f"{proved.at_least:.4f} times its limit"
 
 
 def _otherwise(found: Evidence) -> str:
     """Say what the other reading of the positions proves, where that differs."""
     other = found.otherwise
-    own = max((told.at_least for told in found.limits.values()), default=0.0)
+    shown = max((told.at_least for told in found.limits.values()), default=0.0)
     broken, other_breaks = found.verdict == "broken", other > 1 + KEPT_RTOL
-    if broken == other_breaks and not (broken and max(other / own, own / other) > _DIFFERS):
+    if broken == other_breaks and not (broken and max(other / shown, shown / other) > _DIFFERS):
         return ""
     if found.log.commanded:
         verdict = f"at least {other:.3g} times" if other_breaks else "not broken"

@@ -99,8 +99,8 @@ class LinkChain:
         Such a link begins at its joint's frame. A link that has that name already keeps its own.
         """
         numbered = zip(joints, range(self.joints), strict=False)
-        own = {name: LinkFrame(joint, np.eye(4)) for name, joint in numbered}
-        return replace(self, links={**own, **self.links})
+        by_joint = {name: LinkFrame(joint, np.eye(4)) for name, joint in numbered}
+        return replace(self, links={**by_joint, **self.links})
 
     def carrying(self, payload: Mapping[str, Any]) -> LinkChain:
         """Return the chain with a payload at its tool (`Masses.carrying`).
@@ -168,14 +168,14 @@ class LinkChain:
             turn, shift = self.origins[joint, :3, :3], self.origins[joint, :3, 3].tolist()
             if self.slides[joint]:
                 axis = self.axes[joint].tolist()
-                place = plus(place, [q[joint] * own for own in axis])
-                speed = plus(speed, [v[joint] * own for own in axis])
+                place = plus(place, [q[joint] * entry for entry in axis])
+                speed = plus(speed, [v[joint] * entry for entry in axis])
             else:
                 cross = self._crosses[joint]
                 lever = applied(cross, place)
-                speed = plus(speed, [v[joint] * own for own in lever])
+                speed = plus(speed, [v[joint] * entry for entry in lever])
                 sine, cosine = np.sin(q[joint]), np.cos(q[joint])
-                place, speed = (_turned(cross, sine, cosine, own) for own in (place, speed))
+                place, speed = (_turned(cross, sine, cosine, entry) for entry in (place, speed))
             place, speed = plus(applied(turn, place), shift), applied(turn, speed)
         return place, speed
 
@@ -244,8 +244,8 @@ class LinkChain:
         xyz, rpy, axis = (_triples(f"chain.{key}", table.get(key), joints) for key in REQUIRED)
         tool = np.eye(4)
         if "tool_xyz" in table or "tool_rpy" in table:
-            own = [table.get(key, [0, 0, 0]) for key in KEYS[3:]]
-            at, turned = (_triples(key, [v], 1) for key, v in zip(KEYS[3:], own, strict=True))
+            tool_pose = [table.get(key, [0, 0, 0]) for key in KEYS[3:]]
+            at, turned = (_triples(key, [v], 1) for key, v in zip(KEYS[3:], tool_pose, strict=True))
             tool = origin_poses(at, turned)[0]
         slides = np.zeros(joints, dtype=bool) if slides is None else slides
         masses = None if moved is None else Masses.read(moved, joints)
@@ -289,14 +289,14 @@ def frames_of(chain: LinkChain | None, names: Sequence[str]) -> dict[str, JointF
         return {}
     tools = [np.eye(4)] * (chain.joints - 1) + [chain.tool]
     found = {
-        name: JointFrame(before, *own)
-        for before, name, *own in zip(
+        name: JointFrame(before, *parts)
+        for before, name, *parts in zip(
             (None, *names), names, chain.origins, chain.axes, chain.slides, tools, strict=False
         )
     }
     for link, (joint, pose) in chain.links.items():
-        own = found[names[joint]]
-        found[names[joint]] = own._replace(links={**own.links, link: pose})
+        frame = found[names[joint]]
+        found[names[joint]] = frame._replace(links={**frame.links, link: pose})
     masses = chain.masses
     if isinstance(masses, Masses):
         columns = masses.bodies, masses.damping, masses.friction, masses.effort
@@ -345,16 +345,16 @@ def linked(frames: Mapping[str, JointFrame], names: Sequence[str]) -> LinkChain:
     if not names or [name for name in way if name in names] != list(names):
         right = f"joints one behind the other, from the base to {', '.join(names[-1:])}"
         raise InvalidInput("link frames", right, value=list(names))
-    own = [frames[name] for name in names]
-    axes = np.array([frame.axis for frame in own])
-    slides = np.array([frame.slides for frame in own])
+    joint_frames = [frames[name] for name in names]
+    axes = np.array([frame.axis for frame in joint_frames])
+    slides = np.array([frame.slides for frame in joint_frames])
     links = {
-        link: LinkFrame(names.index(at), pose @ own)
+        link: LinkFrame(names.index(at), pose @ offset)
         for name, at, pose in _carried(frames, names)
-        for link, own in frames[name].links.items()
+        for link, offset in frames[name].links.items()
     }
     masses = _masses(frames, names)
-    return LinkChain(np.array(origins), axes, slides, own[-1].tool, masses, links)
+    return LinkChain(np.array(origins), axes, slides, joint_frames[-1].tool, masses, links)
 
 
 def _carried(
@@ -388,13 +388,13 @@ def _masses(frames: Mapping[str, JointFrame], names: Sequence[str]) -> Masses | 
     if not bodies[last].any():
         right = "a link with a mass behind the last joint"
         return InvalidInput(f"mass behind {last}", right, value=0)
-    own = [frames[name] for name in names]
+    joint_frames = [frames[name] for name in names]
     damping, friction, effort = (
-        np.array([getattr(frame, key) for frame in own])
+        np.array([getattr(frame, key) for frame in joint_frames])
         for key in ("damping", "friction", "effort")
     )
     every = np.array(list(bodies.values()))
-    return Masses(every, damping, friction, effort, own[-1].payload)
+    return Masses(every, damping, friction, effort, joint_frames[-1].payload)
 
 
 def origin_poses(xyz: Array, rpy: Array) -> Array:
@@ -404,7 +404,7 @@ def origin_poses(xyz: Array, rpy: Array) -> Array:
         xyz: Positions, m, `(…, 3)`.
         rpy: Turns about the fixed axes x, then y, then z, rad, `(…, 3)`.
     """
-    (cx, cy, cz), (sx, sy, sz) = (np.moveaxis(own(rpy), -1, 0) for own in (np.cos, np.sin))
+    (cx, cy, cz), (sx, sy, sz) = (np.moveaxis(wave(rpy), -1, 0) for wave in (np.cos, np.sin))
     x, y, z = np.moveaxis(xyz, -1, 0)
     zero, one = np.zeros_like(x), np.ones_like(x)
     rows = [
@@ -444,8 +444,8 @@ def _turned(cross: Array, sine: Any, cosine: Any, vector: Sequence[Any]) -> list
     """Return a vector turned about an axis, by Rodrigues' formula (`LinkChain._moves`)."""
     squared = cross @ cross
     along = applied(np.eye(3) + squared, vector)
-    across = [cosine * own for own in applied(-squared, vector)]
-    return plus(plus(along, across), [sine * own for own in applied(cross, vector)])
+    across = [cosine * entry for entry in applied(-squared, vector)]
+    return plus(plus(along, across), [sine * entry for entry in applied(cross, vector)])
 
 
 def plus(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
@@ -459,9 +459,9 @@ def applied(matrix: Array, vector: Sequence[Any]) -> list[Any]:
     found = []
     for row in matrix.tolist():
         terms = [
-            own if factor == 1 else factor * own
-            for factor, own in zip(row, vector, strict=True)
-            if abs(factor) > _ROUNDING and not is_zero(own)
+            entry if factor == 1 else factor * entry
+            for factor, entry in zip(row, vector, strict=True)
+            if abs(factor) > _ROUNDING and not is_zero(entry)
         ]
         found.append(sum(terms[1:], terms[0]) if terms else 0.0)
     return found

@@ -39,13 +39,13 @@ class Dynamics:
         """Frames whose axis is z: turn and place in the one before, axis, and body of each."""
         found = []
         before = np.eye(3)
-        for origin, axis, own in zip(self.origins, self.axes, self.bodies, strict=True):
+        for origin, axis, body in zip(self.origins, self.axes, self.bodies, strict=True):
             turn = _with_axis(axis)
             pose = np.eye(4)
             pose[:3, :3] = turn
             rotation = _clean(before.T @ origin[:3, :3] @ turn)
             place = _clean(before.T @ origin[:3, 3]).tolist()
-            found.append((rotation, place, rotation[:, 2].tolist(), pose.T @ own @ pose))
+            found.append((rotation, place, rotation[:, 2].tolist(), pose.T @ body @ pose))
             before = turn
         return found
 
@@ -65,54 +65,56 @@ class Dynamics:
         rise: list[Any] = (-self.gravity).tolist()  # acceleration of the frame's origin, minus g
         swept = _swept(spin, change)
         waves = [
-            (0.0, 0.0) if slides else (np.sin(own), np.cos(own))
-            for own, slides in zip(q, self.slides, strict=True)
+            (0.0, 0.0) if slides else (np.sin(angle), np.cos(angle))
+            for angle, slides in zip(q, self.slides, strict=True)
         ]
         loads = []
         places = []
-        for joint, (turn, place, axis, own) in enumerate(self._frames):
+        for joint, (turn, place, axis, body) in enumerate(self._frames):
             if self.slides[joint]:
-                place = plus(place, [_times(q[joint], own) for own in axis])
+                place = plus(place, [_times(q[joint], entry) for entry in axis])
             places.append(place)
             rise = plus(rise, _linear(swept, place))
-            rise, spin, change = (applied(turn.T, own) for own in (rise, spin, change))
+            rise, spin, change = (applied(turn.T, vector) for vector in (rise, spin, change))
             if self.slides[joint]:
                 x, y, _ = spin  # Coriolis: 2 ω × v
                 twice = 2.0 * v[joint]
                 rise = plus(rise, [_times(y, twice), _negative(_times(x, twice)), a[joint]])
             else:
-                rise, spin, change = (_back(waves[joint], own) for own in (rise, spin, change))
+                rise, spin, change = (
+                    _back(waves[joint], vector) for vector in (rise, spin, change)
+                )
                 x, y, z = spin
                 gained = [_times(y, v[joint]), _negative(_times(x, v[joint])), a[joint]]
                 change = plus(change, gained)
                 spin = [x, y, _sum(z, v[joint])]
             swept = _swept(spin, change)
-            loads.append(_load(own, rise, swept))
+            loads.append(_load(body, rise, swept))
         force: list[Any] = [0.0, 0.0, 0.0]
         moment: list[Any] = [0.0, 0.0, 0.0]
         found: list[Any] = []
         for joint in reversed(range(len(loads))):
             force, moment = plus(force, loads[joint][0]), plus(moment, loads[joint][1])
-            own = force[2] if self.slides[joint] else moment[2]
+            load = force[2] if self.slides[joint] else moment[2]
             damping = float(self.damping[joint])
-            found.insert(0, own + damping * v[joint] if damping else own)
+            found.insert(0, load + damping * v[joint] if damping else load)
             turn = self._frames[joint][0]
             if not self.slides[joint]:
-                force, moment = (_on(waves[joint], own) for own in (force, moment))
+                force, moment = (_on(waves[joint], vector) for vector in (force, moment))
             force, moment = applied(turn, force), applied(turn, moment)
             moment = plus(moment, _cross(places[joint], force))
         return found
 
 
-def _load(own: Array, rise: Sequence[Any], swept: Sequence[Sequence[Any]]) -> tuple[Any, Any]:
+def _load(body: Array, rise: Sequence[Any], swept: Sequence[Sequence[Any]]) -> tuple[Any, Any]:
     """Return force and moment about the frame's origin that move a body.
 
     A mass point at `x` is accelerated by `rise + S x`; its moment is `m x × (rise + S x)`. Summed
     up, the second part is the skew part of `S Σ m x xᵀ`.
     """
-    first = own[:3, 3].tolist()
-    force = plus(applied(own[3, 3] * np.eye(3), rise), _linear(swept, first))
-    columns = [_linear(swept, column) for column in own[:3, :3].T.tolist()]
+    first = body[:3, 3].tolist()
+    force = plus(applied(body[3, 3] * np.eye(3), rise), _linear(swept, first))
+    columns = [_linear(swept, column) for column in body[:3, :3].T.tolist()]
     turning = [
         _sum(columns[1][2], _negative(columns[2][1])),
         _sum(columns[2][0], _negative(columns[0][2])),
@@ -138,8 +140,8 @@ def _linear(matrix: Sequence[Sequence[Any]], vector: Sequence[Any]) -> list[Any]
     found = []
     for row in matrix:
         total: Any = 0.0
-        for entry, own in zip(row, vector, strict=True):
-            total = _sum(total, _times(entry, own))
+        for entry, factor in zip(row, vector, strict=True):
+            total = _sum(total, _times(entry, factor))
         found.append(total)
     return found
 
@@ -175,12 +177,12 @@ def _times(one: Any, other: Any) -> Any:
     return 0.0 if is_zero(one) or is_zero(other) else one * other
 
 
-def _squared(own: Any) -> Any:
-    return 0.0 if is_zero(own) else own**2
+def _squared(one: Any) -> Any:
+    return 0.0 if is_zero(one) else one**2
 
 
-def _negative(own: Any) -> Any:
-    return own if is_zero(own) else -own
+def _negative(one: Any) -> Any:
+    return one if is_zero(one) else -one
 
 
 def _sum(one: Any, other: Any) -> Any:
@@ -194,6 +196,6 @@ def _with_axis(axis: Array) -> Array:
     return np.stack([side, np.cross(axis, side), axis], axis=1)
 
 
-def _clean(own: Array) -> Array:
+def _clean(numbers: Array) -> Array:
     """Return numbers without entries of rounding size."""
-    return np.where(np.abs(own) < 1e-15, 0.0, own)
+    return np.where(np.abs(numbers) < 1e-15, 0.0, numbers)

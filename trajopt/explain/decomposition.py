@@ -139,8 +139,8 @@ def explain(
     Raises:
         TrajoptError: `trajectory` has no certified duration.
     """
-    own = certified(problem, trajectory)
-    if own is None:
+    motion = certified(problem, trajectory)
+    if motion is None:
         flaws = "; ".join(verify(problem, trajectory).flaws)
         raise TrajoptError(f"no certified duration, so nothing to explain: {flaws}")
     optimum = _optimum(problem)
@@ -149,19 +149,19 @@ def explain(
     if recorded is not None and (recorded.duration or np.inf) < computed * (1 - _RECORDED_RTOL):
         optimum = recorded
         origin = recorded.reason
-    retimed = _retimed(problem, own)
-    gaps, notes = _gaps(problem, own, retimed, optimum)
-    solver, savings_are_of = _solver(planner, problem, own)
-    active = active_limits(problem, own, solver)
-    if scattered(active, own.duration, dilatable=problem.route.dilatable):
+    retimed = _retimed(problem, motion)
+    gaps, notes = _gaps(problem, motion, retimed, optimum)
+    solver, savings_are_of = _solver(planner, problem, motion)
+    active = active_limits(problem, motion, solver)
+    if scattered(active, motion.duration, dilatable=problem.route.dilatable):
         savings_are_of += "; a local search: some of it is luck, no optimum changes like this"
     return Explanation(
-        own.duration,
+        motion.duration,
         optimum.duration,
         **gaps,
         notes=notes | {"saving": savings_are_of},
         active_limits=active,
-        trajectory=own,
+        trajectory=motion,
         optimum=optimum.trajectory,
         recorded=origin,
         retimed=retimed.trajectory,
@@ -169,12 +169,12 @@ def explain(
 
 
 def _solver(
-    planner: Planner | None, problem: Problem, own: Trajectory
+    planner: Planner | None, problem: Problem, trajectory: Trajectory
 ) -> tuple[Planner | None, str]:
     """Return a solver for relaxed limits. A swarm is replaced: its scatter exceeds the savings."""
     if planner is not None and not planner.stochastic:
         return planner, "this planner, planning again"
-    if planner is not None and _is_spline353(problem, own):
+    if planner is not None and _is_spline353(problem, trajectory):
         return load(BEST_353), "the best 3-5-3, found again"
     if not problem.route.dilatable:
         return None, "not known: this trajectory cannot be dilated"
@@ -185,14 +185,14 @@ def _gaps(
     problem: Problem, trajectory: Trajectory, retimed: ReferenceAnswer, optimum: ReferenceAnswer
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Return every gap by name; None, with a note, where it does not apply."""
-    own = ReferenceAnswer(trajectory)
+    answer = ReferenceAnswer(trajectory)
     best = _best_spline(problem, trajectory)
     smooth = _as_smooth(problem, best)
     pairs = {
-        "gap": (own, optimum),
-        "timing_gap": (own, retimed),
+        "gap": (answer, optimum),
+        "timing_gap": (answer, retimed),
         "route_gap": (retimed, optimum),
-        "optimiser_gap": (own, best),
+        "optimiser_gap": (answer, best),
         "shape_gap": (best, smooth),
         "smoothness_gap": (smooth, optimum),
     }
@@ -221,14 +221,14 @@ def _optimum(problem: Problem) -> ReferenceAnswer:
     return ReferenceAnswer(None, reason)
 
 
-def _shorter(own: Trajectory, answer: ReferenceAnswer) -> ReferenceAnswer:
+def _shorter(trajectory: Trajectory, answer: ReferenceAnswer) -> ReferenceAnswer:
     """Return the trajectory if it is not longer than the answer, else the answer."""
-    if answer.duration is not None and own.duration <= answer.duration:
-        return ReferenceAnswer(own)
+    if answer.duration is not None and trajectory.duration <= answer.duration:
+        return ReferenceAnswer(trajectory)
     return answer
 
 
-def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
+def _retimed(problem: Problem, trajectory: Trajectory) -> ReferenceAnswer:
     """Return the best timing of the trajectory's own path, or its own if that is shorter.
 
     The reason of an answer says where the path has to stop.
@@ -238,21 +238,21 @@ def _retimed(problem: Problem, own: Trajectory) -> ReferenceAnswer:
         reason = planner.unsupported(problem)
         if reason is not None:
             return ReferenceAnswer(None, reason)
-        solution = _along(planner, problem, own)
+        solution = _along(planner, problem, trajectory)
         answer = judged(problem, planner, solution)
     except TrajoptError as error:
         return ReferenceAnswer(None, str(error))
-    shorter = _shorter(own, answer)
+    shorter = _shorter(trajectory, answer)
     return shorter._replace(reason=answer.reason or solution.message)
 
 
-def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
+def _along(planner: Planner, problem: Problem, trajectory: Trajectory) -> Solution:
     """Return the planner's timing of the trajectory's path, part by part if it waits in between."""
     if not planner.splits(problem):
-        return planner.along(problem, own)
-    cut = dwell.cut(problem, own) or []
+        return planner.along(problem, trajectory)
+    cut = dwell.cut(problem, trajectory) or []
     parts = zip(dwell.parts(problem), cut, strict=True)
-    answers = [planner.along(part, own.motion) for part, own in parts]
+    answers = [planner.along(part, trajectory.motion) for part, trajectory in parts]
     motions = [answer.trajectory for answer in answers if answer.trajectory is not None]
     if len(motions) < len(answers):
         return next(answer for answer in answers if answer.trajectory is None)
@@ -260,24 +260,24 @@ def _along(planner: Planner, problem: Problem, own: Trajectory) -> Solution:
     return Solution(Status.SOLVED, dwell.joined(problem, motions), said)
 
 
-def _best_spline(problem: Problem, own: Trajectory) -> ReferenceAnswer:
+def _best_spline(problem: Problem, trajectory: Trajectory) -> ReferenceAnswer:
     """Return the best 3-5-3 with shared times, if the trajectory is such a spline."""
-    if not _is_spline353(problem, own):
+    if not _is_spline353(problem, trajectory):
         return ReferenceAnswer(None, "not a 3-5-3 spline with segment times shared by all joints")
-    return _shorter(own, asked(BEST_353, problem))
+    return _shorter(trajectory, asked(BEST_353, problem))
 
 
-def _is_spline353(problem: Problem, own: Trajectory) -> bool:
+def _is_spline353(problem: Problem, trajectory: Trajectory) -> bool:
     """Return whether a trajectory is the 3-5-3 spline with its own waypoint times."""
     merged, index = problem.merged()
     _, passed = np.unique(index, return_index=True)
-    times = np.diff(own.waypoint_times[passed])
+    times = np.diff(trajectory.waypoint_times[passed])
     if spline353.unsupported(problem) is not None or not (times > 0).all():
         return False
     spline = spline353.trajectory(merged, times)
     instants = [np.linspace(a, b, _SAMPLES) for a, b in pairwise(spline.breaks)]
     t = np.concatenate(instants)
-    difference = np.abs(spline(t) - own(t)).max()
+    difference = np.abs(spline(t) - trajectory(t)).max()
     scale = max(1.0, float(np.abs(problem.waypoints).max()))
     return bool(difference <= _SAME_RTOL * scale)
 

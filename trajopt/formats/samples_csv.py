@@ -211,8 +211,8 @@ def of_table(
     numbers = table.numbers([column.index for column in chosen])[:, len(clock) :]
     # Of times like 1.7e9 the difference keeps every digit.
     stamps = [*map(Decimal, table.columns[time.index])]
-    for own in clock[1:]:
-        parts = table.columns[own.index]
+    for column in clock[1:]:
+        parts = table.columns[column.index]
         stamps = [sec + Decimal(part).scaleb(-9) for sec, part in zip(stamps, parts, strict=True)]
     if len(stamps) < 2:
         raise InvalidInput("samples", "at least two lines of numbers", value=len(stamps))
@@ -229,10 +229,10 @@ def of_table(
     notes = [f"times count from {start} {unit}"] if start else []
     others = (column for column in columns if column not in chosen)
     left_out = [column.name or f"column {column.index + 1}" for column in others]
-    left_out = [own for own in left_out if own not in PARTS]
-    dropped = [own.name for own in columns if own.kind == _ACTUAL]
+    left_out = [heading for heading in left_out if heading not in PARTS]
+    dropped = [column.name for column in columns if column.kind == _ACTUAL]
     if dropped:
-        sent = all(_OUTPUT.search(own) for own in dropped)
+        sent = all(_OUTPUT.search(heading) for heading in dropped)
         other = "what was sent to the hardware (output)" if sent else "what was measured"
         notes.append(f"what was commanded is read, not {other}")
     if left_out:
@@ -241,7 +241,7 @@ def of_table(
     if notes:
         warnings.warn(FileNote(f"{name}: {'; '.join(notes)}"), stacklevel=2)
 
-    sizes = [UNITS[own] for own in chain(*units)]
+    sizes = [UNITS[unit] for unit in chain(*units)]
     fields = np.hsplit(numbers * sizes, len(joints))
     texts = [table.columns[column.index] for column in chosen[len(clock) :]]
     half, decimals = digits.of_columns(texts, numbers)
@@ -250,7 +250,7 @@ def of_table(
     return Samples(
         joint_names=tuple(column.joint for column in joints["positions"]),
         times=elapsed * TIMES[unit],
-        joint_units=tuple("m" if own in LENGTHS else "rad" for own in units[0]),
+        joint_units=tuple("m" if unit in LENGTHS else "rad" for unit in units[0]),
         half_digits=halves["positions"],
         velocity_half_digits=halves.get("velocities"),
         time_half_digit=_time_half_digit(stamps) * TIMES[unit],
@@ -277,7 +277,7 @@ def _time_half_digit(stamps: Sequence[Decimal]) -> float:
 
 def _nanoseconds(time: _Column, columns: Sequence[_Column]) -> list[_Column]:
     """The column of nanoseconds beside a ROS stamp's column of whole seconds, if it is there."""
-    return [own for own in columns if own.name != time.name == _NANO.sub("", own.name)]
+    return [column for column in columns if column.name != time.name == _NANO.sub("", column.name)]
 
 
 def _time_unit(start: float, elapsed: Array) -> str:
@@ -301,30 +301,30 @@ def _columns(table: Table) -> list[_Column]:
     found = [_column(index, cell) for index, cell in enumerate(table.headings)]
     if table.indexed:
         found[0] = replace(found[0], kind="")
-    named = any(own.kind == "positions" and own.key != own.name for own in found)
+    named = any(column.kind == "positions" and column.key != column.name for column in found)
     texts = table.texts()
-    for own in found:
-        if own.kind == _BARE:
-            kind = "" if named or own.index in texts else "positions"
-            found[own.index] = replace(own, kind=kind)
+    for column in found:
+        if column.kind == _BARE:
+            kind = "" if named or column.index in texts else "positions"
+            found[column.index] = replace(column, kind=kind)
     return _commanded(found)
 
 
 def _commanded(columns: list[_Column]) -> list[_Column]:
     """Keep what was commanded, if positions are there as commanded and as measured."""
-    plain = {own.name: _COMMANDED.sub("", own.name, count=1) for own in columns}
-    positions = [own.name for own in columns if own.kind == "positions"]
+    plain = {column.name: _COMMANDED.sub("", column.name, count=1) for column in columns}
+    positions = [column.name for column in columns if column.kind == "positions"]
     measured = {_MEASURED.sub("", name, count=1) for name in positions}
     both = {plain[name] for name in positions if plain[name] != name} & measured
     if positions and all(plain[name] != name for name in positions):  # nothing was measured
         both = {plain[name] for name in positions}
     found = []
-    for own in columns:
-        name = plain[own.name]
-        kept = name != own.name and (own.kind != "positions" or name in both)
-        if both and own.kind in _FIELDS:
-            own = replace(own, name=name) if kept else replace(own, kind=_ACTUAL)
-        found.append(own)
+    for column in columns:
+        name = plain[column.name]
+        kept = name != column.name and (column.kind != "positions" or name in both)
+        if both and column.kind in _FIELDS:
+            column = replace(column, name=name) if kept else replace(column, kind=_ACTUAL)
+        found.append(column)
     return found
 
 
@@ -374,7 +374,7 @@ def _chosen(columns: Sequence[_Column]) -> tuple[_Column, dict[str, list[_Column
     Raises:
         InvalidInput: A column is missing, or is there twice.
     """
-    times = [own for own in columns if own.kind == _TIME]
+    times = [column for column in columns if column.kind == _TIME]
     names = _joints(columns)
     if not times:
         right = f"{TIME}, then columns like elbow [rad]; no column has times"
@@ -383,7 +383,7 @@ def _chosen(columns: Sequence[_Column]) -> tuple[_Column, dict[str, list[_Column
         raise InvalidInput("header", "columns of positions, like elbow [rad]")
     chosen = {}
     for field, (rate, *_) in zip(_FIELDS, _RATES, strict=True):
-        own: dict[str, _Column] = {}
+        of_joint: dict[str, _Column] = {}
         for column in columns:
             if column.kind != field:
                 continue
@@ -391,17 +391,17 @@ def _chosen(columns: Sequence[_Column]) -> tuple[_Column, dict[str, list[_Column
             if joint is None and column.unit is None:
                 continue  # a tool's speed, say
             joint = joint or column.key
-            if joint in own:
+            if joint in of_joint:
                 right = "a column that is not there twice"
                 raise InvalidInput("header", right, value=column.name)
-            own[joint] = column
+            of_joint[joint] = column
         wanted = dict.fromkeys(names.values())
-        odd = own.keys() ^ wanted.keys()
-        if own and odd:
+        odd = of_joint.keys() ^ wanted.keys()
+        if of_joint and odd:
             right = f"a column [rad{rate}] for each joint that has positions, and no other"
             raise InvalidInput("header", f"{right}: {min(odd)}")
-        if own:
-            chosen[field] = [own[joint] for joint in wanted]
+        if of_joint:
+            chosen[field] = [of_joint[joint] for joint in wanted]
     return times[0], chosen
 
 
@@ -464,8 +464,8 @@ def _header(
     """
     known = list(joint_units)
     rates = dict(zip(_FIELDS, _RATES, strict=True))
-    times = [own for own in columns if own.kind == _TIME]
-    first = known_as([own.joint for own in columns], known)[0]
+    times = [column for column in columns if column.kind == _TIME]
+    first = known_as([column.joint for column in columns], known)[0]
     only_joints = any(table.headings) and (len(columns) <= len(known) or first in known)
     if not times and (only_joints or not _rises(table)):
         return ""  # nothing has times
@@ -478,22 +478,21 @@ def _header(
         slides = joint_units.get(joint) == "m"
         return wanted.get("length", "m") if slides else angle
 
-    positions = [own.joint for own in read if own.kind == "positions"]
+    positions = [column.joint for column in read if column.kind == "positions"]
     if len(set(positions)) < len(positions):
         return ""  # renaming is to invent a name
     names = _joints(read)
-    joints = list(dict.fromkeys(names.values())) or [f"joint_{own.index}" for own in read[1:]]
+    joints = list(dict.fromkeys(names.values())) or [f"joint_{column.index}" for column in read[1:]]
     robots = dict(zip(joints, known_as(joints, known), strict=True))
-    whole = bool(known) and set(known) < set(
-        robots.values()
-    )  # further columns are no joints of the robot
+    # further columns are no joints of the robot
+    whole = bool(known) and set(known) < set(robots.values())
     cells = []
-    for own in read:
-        name = names.get(own.name, names.get(own.key, own.name))
-        if name and own.kind in ("", _ACTUAL):
+    for column in read:
+        name = names.get(column.name, names.get(column.key, column.name))
+        if name and column.kind in ("", _ACTUAL):
             name += " [-]"  # an unknown unit: it is left out
-        elif own.kind in rates and name in robots:
-            unit = f"{own.unit or unit_of(robots[name])}{rates[own.kind][0]}"
+        elif column.kind in rates and name in robots:
+            unit = f"{column.unit or unit_of(robots[name])}{rates[column.kind][0]}"
             left_out = whole and robots[name] not in known
             name = f"{robots[name]} [{'-' if left_out else unit}]"
         cells.append(name)
@@ -510,11 +509,11 @@ def _header(
 
 def _likely_unit(columns: Sequence[_Column], table: Table) -> str:
     """Return "deg" where nobody says a unit and positions are larger than an arm's radians."""
-    own = [column.index for column in columns if column.kind == "positions" and not column.unit]
-    if not own:
-        own = [column.index for column in columns if column.kind != _TIME]
+    places = [column.index for column in columns if column.kind == "positions" and not column.unit]
+    if not places:
+        places = [column.index for column in columns if column.kind != _TIME]
     try:
-        largest = np.abs(table.numbers(own)).max(initial=0.0) if own else 0.0
+        largest = np.abs(table.numbers(places)).max(initial=0.0) if places else 0.0
     except InvalidInput:  # texts
         return "rad"
     return "deg" if largest > _LARGEST_RAD else "rad"

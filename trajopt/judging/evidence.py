@@ -182,10 +182,10 @@ class Evidence:
         """
         other = replace(self.log, commanded=not self.log.commanded)
         joints = [
-            replace(own, known=premise_of(other, joint, own.limits))
-            for joint, own in enumerate(self.joints)
+            replace(logged, known=premise_of(other, joint, logged.limits))
+            for joint, logged in enumerate(self.joints)
         ]
-        return max(own.share for joint in joints for own in joint.by_positions.values())
+        return max(bound.share for joint in joints for bound in joint.by_positions.values())
 
     @cached_property
     def slower(self) -> SlowerLog | None:
@@ -199,7 +199,7 @@ class Evidence:
         """
         table: dict[str, Any] = {
             "verdict": self.verdict,
-            "premise": [own.known.as_dict() for own in self.joints],
+            "premise": [logged.known.as_dict() for logged in self.joints],
             "digits": list(self.log.decimals),
             "time_half_digit": self.log.time_half_digit,
             "samples": len(self.log.times),
@@ -207,12 +207,12 @@ class Evidence:
             "at_rest": self.at_rest,
             "by_positions": self.by_positions,
             "otherwise": self.otherwise,
-            "velocities_left_out": [own.no_readings or None for own in self.joints],
-            "lost_rows": [{"row": own.row + 1, "count": own.count} for own in self.lost],
+            "velocities_left_out": [logged.no_readings or None for logged in self.joints],
+            "lost_rows": [{"row": loss.row + 1, "count": loss.count} for loss in self.lost],
         }
         for name, told in self.limits.items():
             table[name] = {**vars(told), "joint": told.joint + 1}
-        broken = [own.as_dict() for own in self.convictions]
+        broken = [conviction.as_dict() for conviction in self.convictions]
         table["conviction"] = broken[0] if broken else None
         table["convictions"] = broken
         slower = vars(self).get("slower")
@@ -242,26 +242,26 @@ def evidence(
     """
     limits = limits.in_all_segments(tightest=False)
     joints = joints_of(log, limits, accelerations, noise=noise, resolution=resolution)
-    found = [_found(own) for own in joints]
+    found = [_found(logged) for logged in joints]
     convictions = _convictions(joints, found)
     lost: Sequence[Lost] = ()
     if convictions and not log.commanded:
         lost, corrected = _with_lost_rows(joints)
         if lost:
             joints = corrected
-            found = [_found(own) for own in joints]
+            found = [_found(logged) for logged in joints]
             convictions = _convictions(joints, found)
-    motion = joined([own.answer for own in found], joints[0].times[[0, -1]])
+    motion = joined([part.answer for part in found], joints[0].times[[0, -1]])
     verdict = _verdict(joints, found, convictions, lost, window)
     by_positions: Verdict | None = None
-    if convictions and any(len(own.readings.times) for own in joints):
-        alone = [replace(own, readings=NO_READINGS) for own in joints]
+    if convictions and any(len(logged.readings.times) for logged in joints):
+        alone = [replace(logged, readings=NO_READINGS) for logged in joints]
         by_positions = _verdict(alone, found, _convictions(alone, found), lost, window)
     return Evidence(
         verdict=verdict,
         limits=dict(_told(log, limits, joints, convictions, motion)),
         motion=motion,
-        at_rest=all(own.at_rest for own in found),
+        at_rest=all(part.at_rest for part in found),
         convictions=convictions,
         log=log,
         joints=joints,
@@ -280,8 +280,8 @@ def _verdict(
 ) -> Verdict:
     if convictions:
         return "broken"
-    shown = all(bound.window <= window for own in joints for bound in own.bounds.values())
-    return "kept" if shown and not lost and all(own.kept for own in found) else "cannot be told"
+    shown = all(bound.window <= window for logged in joints for bound in logged.bounds.values())
+    return "kept" if shown and not lost and all(part.kept for part in found) else "cannot be told"
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,24 +299,24 @@ class _MotionFound:
     kept: bool
 
 
-def _found(own: Joint) -> _MotionFound:
-    still = own.still()
+def _found(logged: Joint) -> _MotionFound:
+    still = logged.still()
     if still is not None:
         return _MotionFound(still, True, True)
     resting: TubeAnswer | None = None
-    share = max((bound.share for bound in own.by_positions.values()), default=0.0)
-    if own.may_rest(share):
-        resting = own.found(rest=True)
+    share = max((bound.share for bound in logged.by_positions.values()), default=0.0)
+    if logged.may_rest(share):
+        resting = logged.found(rest=True)
         if resting.high <= 1 + KEPT_RTOL and resting.low <= 1 + KEPT_RTOL:
-            return _MotionFound(resting, True, not len(own.beyond_between(resting)))
+            return _MotionFound(resting, True, not len(logged.beyond_between(resting)))
         if share > 1 + KEPT_RTOL and np.isfinite(resting.high):  # a few rows prove it
             return _MotionFound(replace(resting, low=0.0, proof=None), True, False)
-    free = own.found(rest=False)
+    free = logged.found(rest=False)
     best, at_rest = free, False
     if resting is not None and resting.high <= max(1.0, free.high) * (1 + KEPT_RTOL):
         # What is proved of motions at rest is not proved of all.
         best, at_rest = replace(resting, low=free.low, proof=free.proof), True
-    kept = best.high <= 1 + KEPT_RTOL and not len(own.beyond_between(best))
+    kept = best.high <= 1 + KEPT_RTOL and not len(logged.beyond_between(best))
     return _MotionFound(best, at_rest, kept)
 
 
@@ -334,7 +334,7 @@ def passing(found: Evidence, times: Array, waypoints: Array) -> Evidence:
     """
     log = found.log
     joints = found.joints
-    digits = np.array([own.known.known for own in joints])
+    digits = np.array([logged.known.known for logged in joints])
     if found.motion is None or (np.abs(found.motion(times) - waypoints) > 2 * digits).any():
         return found
     best = _through_all(joints, times, waypoints)
@@ -343,10 +343,10 @@ def passing(found: Evidence, times: Array, waypoints: Array) -> Evidence:
         alike = log.times[near]
         nearest = np.argsort(np.abs(alike - times[index]))[:_MAX_PASSAGES]
         for time in alike[nearest]:
-            own = np.array(best.times)
-            own[index] = time
-            if best.high > 1 and (np.diff(own) > 0).all():
-                best = min(best, _through_all(joints, own, waypoints), key=lambda one: one.high)
+            shifted = np.array(best.times)
+            shifted[index] = time
+            if best.high > 1 and (np.diff(shifted) > 0).all():
+                best = min(best, _through_all(joints, shifted, waypoints), key=lambda one: one.high)
     motion = joined(best.joints, best.times)
     return found if motion is None else replace(found, motion=motion)
 
@@ -365,7 +365,7 @@ class _Through:
 
 def _through_all(joints: Sequence[Joint], times: Array, waypoints: Array) -> _Through:
     columns = zip(joints, waypoints.T, strict=True)
-    return _Through(times, [own.found(rest=True, passing=(times, q)) for own, q in columns])
+    return _Through(times, [logged.found(rest=True, passing=(times, q)) for logged, q in columns])
 
 
 def _convictions(joints: Sequence[Joint], found: Sequence[_MotionFound]) -> list[Conviction]:
@@ -373,43 +373,47 @@ def _convictions(joints: Sequence[Joint], found: Sequence[_MotionFound]) -> list
 
     Position limits come first, then the largest shares.
     """
-    each = [_conviction(joint, *own) for joint, own in enumerate(zip(joints, found, strict=True))]
-    proofs = [own for own in each if own is not None]
+    each = [_conviction(joint, *pair) for joint, pair in enumerate(zip(joints, found, strict=True))]
+    proofs = [proof for proof in each if proof is not None]
     return sorted(proofs, key=lambda one: (one.limit != "position", -one.at_least))
 
 
-def _conviction(joint: int, own: Joint, found: _MotionFound) -> Conviction | None:
+def _conviction(joint: int, logged: Joint, found: _MotionFound) -> Conviction | None:
     """Return the proof by one sample beyond the range, by a few rows, or by all samples."""
-    beyond = own.beyond
+    beyond = logged.beyond
     farthest = int(np.argmax(beyond))
     if beyond[farthest] > 0:
         row = slice(farthest, farthest + 1)
-        samples = own.times[row], own.positions[row], own.digits[row]
+        samples = logged.times[row], logged.positions[row], logged.digits[row]
         return Conviction(joint, float(beyond[farthest]), "position", *samples)
-    by_rows = [_by_rows(joint, own, name) for name in own.bounds]
+    by_rows = [_by_rows(joint, logged, name) for name in logged.bounds]
     proofs = [proof for proof in by_rows if proof is not None]
     if not proofs and found.answer.low > 1 + KEPT_RTOL:
-        names = [name for name in RATES[1:] if name in own.bounds]  # `slope` is exact
-        by_all = [_by_all(joint, own.alone(name), name) for name in names]
+        names = [name for name in RATES[1:] if name in logged.bounds]  # `slope` is exact
+        by_all = [_by_all(joint, logged.alone(name), name) for name in names]
         proofs = [proof for proof in by_all if proof is not None]
         together = None if proofs else _by_all(joint, found.answer, None)
         proofs += [together] if together else []
     return max(proofs, key=lambda one: one.at_least, default=None)
 
 
-def _by_rows(joint: int, own: Joint, name: str) -> Conviction | None:
+def _by_rows(joint: int, logged: Joint, name: str) -> Conviction | None:
     """Return the proof that a few rows break a limit; None if they do not."""
-    bound = own.bounds[name]
+    bound = logged.bounds[name]
     if bound.share <= 1 + KEPT_RTOL:
         return None
     rows = list(bound.rows)
     if bound.of_velocities:
-        samples = own.readings.times[rows], own.readings.values[rows], own.readings.half[rows]
+        samples = (
+            logged.readings.times[rows],
+            logged.readings.values[rows],
+            logged.readings.half[rows],
+        )
     else:
-        samples = own.times[rows], own.positions[rows], own.half[rows]
+        samples = logged.times[rows], logged.positions[rows], logged.half[rows]
     share = bound.share
     if name in RATES:
-        share = float(log_windows.proved(*samples, *own.limits[RATES.index(name)]))
+        share = float(log_windows.proved(*samples, *logged.limits[RATES.index(name)]))
     if share <= 1 + KEPT_RTOL:
         return None
     return Conviction(joint, share, name, *samples, bound.of_velocities, bound.margin)
@@ -430,15 +434,15 @@ def _with_lost_rows(joints: Sequence[Joint]) -> tuple[Sequence[Lost], list[Joint
     At a place like that a time may be off by a step, so half widths grow by a step's own motion.
     """
     times = joints[0].times
-    if any(len(own.times) != len(times) or (own.times != times).any() for own in joints):
+    if any(len(logged.times) != len(times) or (logged.times != times).any() for logged in joints):
         return (), []
-    lost, times = lost_rows([own.known for own in joints])
+    lost, times = lost_rows([logged.known for logged in joints])
     step = float(np.median(np.diff(times)))
     corrected = []
-    for own in joints:
-        speed = np.convolve(np.abs(np.gradient(own.positions, times)), np.full(5, 0.2), "same")
-        known = replace(own.known, times=times, half=own.known.half + step * speed)
-        corrected.append(replace(own, known=known, readings=NO_READINGS))
+    for logged in joints:
+        speed = np.convolve(np.abs(np.gradient(logged.positions, times)), np.full(5, 0.2), "same")
+        known = replace(logged.known, times=times, half=logged.known.half + step * speed)
+        corrected.append(replace(logged, known=known, readings=NO_READINGS))
     return lost, corrected
 
 
@@ -451,20 +455,20 @@ def _slower(joints: Sequence[Joint], at_rest: bool) -> SlowerLog | None:
     Return None if a joint has no motion within its half widths and position limits.
     """
     at_least, factor = 1.0, 1.0
-    lows = [_least_dilation(own) for own in joints]
+    lows = [_least_dilation(logged) for logged in joints]
     chosen: list[TubeAnswer | None] = [None] * len(joints)
     for joint in sorted(range(len(joints)), key=lambda joint: -lows[joint]):
-        own, low = joints[joint], lows[joint]
+        logged, low = joints[joint], lows[joint]
         at_least = max(at_least, low)
-        need, best = np.inf, own.still()
+        need, best = np.inf, logged.still()
         stretch = max(factor, low) * (1 + KEPT_RTOL)
         if best is not None:
             need = 1.0
         for _ in range(_MAX_STRETCHES):
             if need <= max(factor, low * (1 + _SLOWER_RTOL)):
                 break
-            found = own.stretched(stretch).found(at_rest)
-            found_need = _dilation(own, found)
+            found = logged.stretched(stretch).found(at_rest)
+            found_need = _dilation(logged, found)
             if found_need < need:
                 need, best = found_need, found
             if found.low > 1:
@@ -477,36 +481,36 @@ def _slower(joints: Sequence[Joint], at_rest: bool) -> SlowerLog | None:
             return None
         chosen[joint] = best
         factor = max(factor, need)
-    motion = joined([own for own in chosen if own is not None], joints[0].times[[0, -1]])
+    motion = joined([part for part in chosen if part is not None], joints[0].times[[0, -1]])
     return None if motion is None else SlowerLog(at_least, factor, motion.dilated(factor))
 
 
-def _least_dilation(own: Joint) -> float:
+def _least_dilation(logged: Joint) -> float:
     """Return the dilation that every motion within the half widths of positions needs.
 
     Dilation by d divides the use of a limit of order k by d^k. What logged velocities prove does
     not hold for slower motions.
     """
-    degrees = {name: KINDS[name].degree or np.inf for name in own.by_positions}
-    each = [bound.share ** (1 / degrees[name]) for name, bound in own.by_positions.items()]
+    degrees = {name: KINDS[name].degree or np.inf for name in logged.by_positions}
+    each = [bound.share ** (1 / degrees[name]) for name, bound in logged.by_positions.items()]
     return max([1.0, *each])
 
 
-def _dilation(own: Joint, found: TubeAnswer) -> float:
+def _dilation(logged: Joint, found: TubeAnswer) -> float:
     """Return by how much a motion must be dilated to keep the limits; infinite without one."""
-    if not np.isfinite(found.high) or own.beyond.max() > 0 or len(own.beyond_between(found)):
+    if not np.isfinite(found.high) or logged.beyond.max() > 0 or len(logged.beyond_between(found)):
         return np.inf
-    motion = joined([found], own.times[[0, -1]])
+    motion = joined([found], logged.times[[0, -1]])
     if motion is None:
         return np.inf
     needs = [1.0]
-    for order, (name, limit) in enumerate(zip(RATES, own.limits, strict=True), start=1):
+    for order, (name, limit) in enumerate(zip(RATES, logged.limits, strict=True), start=1):
         if np.isfinite(limit[1]):
             use = float(peak(motion, order, np.array([limit]), ratio).value)
             needs.append(use ** (1 / (KINDS[name].degree or np.inf)))
     needs += [
-        own.others[key].worst(motion).value ** (1 / (KINDS[key].degree or np.inf))
-        for key in own.falling()
+        logged.others[key].worst(motion).value ** (1 / (KINDS[key].degree or np.inf))
+        for key in logged.falling()
     ]
     return max(needs)
 
@@ -520,9 +524,9 @@ def _told(
 ) -> Iterator[tuple[str, Told]]:
     """Yield what is told of each kind of limit; a proof by all samples counts where it is best."""
     spline = Trajectory.from_samples(log.times, log.positions, interpolation="spline")
-    proved = {(own.joint, own.limit): own.at_least for own in convictions}
-    for name in dict.fromkeys(name for own in joints for name in own.bounds):
-        known = [joint for joint, own in enumerate(joints) if name in own.bounds]
+    proved = {(proof.joint, proof.limit): proof.at_least for proof in convictions}
+    for name in dict.fromkeys(name for logged in joints for name in logged.bounds):
+        known = [joint for joint, logged in enumerate(joints) if name in logged.bounds]
         shares: list[float | None] = [None] * len(joints)
         for joint in known:
             shares[joint] = proved.get((joint, name), joints[joint].bounds[name].share)
@@ -531,13 +535,13 @@ def _told(
             rate = RATES[LIMIT_ORDERS[name] - 1]
             bounds = limits.by_name()[rate][known]
             uses, raw = (
-                None if own is None else _use(own, LIMIT_ORDERS[rate], known, bounds)
-                for own in (motion, spline)
+                None if curve is None else _use(curve, LIMIT_ORDERS[rate], known, bounds)
+                for curve in (motion, spline)
             )
         else:
             uses, raw = (
-                None if own is None else limits.others[name].worst(own).value
-                for own in (motion, spline)
+                None if curve is None else limits.others[name].worst(curve).value
+                for curve in (motion, spline)
             )
         assert raw is not None
         yield (
@@ -554,25 +558,27 @@ def _told(
         )
 
 
-def _alone(own: Joint, name: str) -> float:
+def _alone(logged: Joint, name: str) -> float:
     """Return the largest change of a use by the half widths.
 
     Of a limit that depends on the position, only samples between which the joint moves by more than
     its half widths are counted.
     """
-    step = float(np.median(np.diff(own.times)))
+    step = float(np.median(np.diff(logged.times)))
     if name in RATES:
         order = RATES.index(name)
-        size = min(map(abs, own.limits[order]))
-        return DIGITS_WORTH[RATES[order]] * float(np.median(own.half)) / step ** (order + 1) / size
-    low, high = own.velocities(name)
-    moved = np.diff(own.positions)
+        size = min(map(abs, logged.limits[order]))
+        return (
+            DIGITS_WORTH[RATES[order]] * float(np.median(logged.half)) / step ** (order + 1) / size
+        )
+    low, high = logged.velocities(name)
+    moved = np.diff(logged.positions)
     towards = np.where(moved > 0, high[1:], -low[1:])
-    moving = np.abs(moved) > 2 * own.half[1:]
-    worth = DIGITS_WORTH["velocity"] * own.half[1:] / step / towards
+    moving = np.abs(moved) > 2 * logged.half[1:]
+    worth = DIGITS_WORTH["velocity"] * logged.half[1:] / step / towards
     return float(worth[moving].max(initial=0.0))
 
 
 def _use(trajectory: Trajectory, order: int, joints: Sequence[int], limits: Array) -> float:
-    own = replace(trajectory, coefficients=trajectory.coefficients[..., joints])
-    return float(peak(own, order, limits, ratio).value)
+    part = replace(trajectory, coefficients=trajectory.coefficients[..., joints])
+    return float(peak(part, order, limits, ratio).value)

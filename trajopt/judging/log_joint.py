@@ -204,8 +204,8 @@ class Joint:
             steep = 100 * max(self.limits[0]) / float(np.median(np.diff(self.times)))
             limits.append((-steep, steep))
         falling = self.falling()
-        own = _Conditions(self.half, self._rates(self.reach, falling), np.zeros(0))
-        found = self._solved(own, limits, rest, passing)
+        conditions = _Conditions(self.half, self._rates(self.reach, falling), np.zeros(0))
+        found = self._solved(conditions, limits, rest, passing)
         for _ in range(_MAX_NARROWINGS):
             beyond = self.beyond_between(found)
             hits, use = self._hits(found), self._use_of(found, falling)
@@ -214,10 +214,12 @@ class Joint:
                 return found
             spline = found.spline()
             if not hits:
-                own = self._narrowed(own, spline)
+                conditions = self._narrowed(conditions, spline)
             rates = self._rates(_along(spline), falling)
-            own = replace(own, rates=rates, turns=np.union1d(own.turns, beyond))
-            narrower = self._solved(own, limits, rest, passing)
+            conditions = replace(
+                conditions, rates=rates, turns=np.union1d(conditions.turns, beyond)
+            )
+            narrower = self._solved(conditions, limits, rest, passing)
             # A narrower tube, or rates along one motion, hold for that motion only. The position
             # limits between samples hold for every motion: only with these the bound is a proof.
             proves = hits and not falling and narrower.low > found.low
@@ -227,11 +229,11 @@ class Joint:
             return replace(found, high=np.inf)
         return replace(found, high=max(found.high, self._use_of(found, falling)))
 
-    def _narrowed(self, own: _Conditions, spline: BSpline) -> _Conditions:
+    def _narrowed(self, conditions: _Conditions, spline: BSpline) -> _Conditions:
         """Return narrower half widths, where this motion is slower than its limit allows."""
         speed = np.abs(spline(self.times, nu=1))
-        half = np.minimum(own.half, self.digits + self.shift * speed)
-        return replace(own, half=half)
+        half = np.minimum(conditions.half, self.digits + self.shift * speed)
+        return replace(conditions, half=half)
 
     def beyond_between(self, found: TubeAnswer) -> Array:
         """Return times between samples at which the motion turns beyond its position limits, s."""
@@ -259,8 +261,8 @@ class Joint:
         at = self.positions
         return [
             key
-            for key, own in self.others.items()
-            if np.isfinite(own.velocities(0, at, at)).any() and np.isfinite(self.limits[0][1])
+            for key, limit in self.others.items()
+            if np.isfinite(limit.velocities(0, at, at)).any() and np.isfinite(self.limits[0][1])
         ]
 
     def reach(self, times: Array) -> tuple[Array, Array]:
@@ -306,38 +308,38 @@ class Joint:
 
     def _solved(
         self,
-        own: _Conditions,
+        conditions: _Conditions,
         limits: Sequence[Limit],
         rest: bool,
         passing: tuple[Array, Array] | None,
     ) -> TubeAnswer:
-        points = self._inside(own)
+        points = self._inside(conditions)
         if passing is not None:
             points = _through(*points, passing)
-        return tube(*points, limits, rest=rest, rates=own.rates)
+        return tube(*points, limits, rest=rest, rates=conditions.rates)
 
-    def _inside(self, own: _Conditions) -> tuple[Array, Array, Array]:
+    def _inside(self, conditions: _Conditions) -> tuple[Array, Array, Array]:
         """Return times, centres and half widths of the tube, cut off at the position limits.
 
         A sample outside the limits keeps its half width. At the times `turns`, where a motion
         turned beyond the limits, the tube is as wide as the range.
         """
         low, high = self.range
-        half = own.half
+        half = conditions.half
         lowest = np.maximum(self.positions - half, low)
         highest = np.minimum(self.positions + half, high)
         fits = highest - lowest > 0.1 * half
         centre = np.where(fits, (lowest + highest) / 2, self.positions)
         half = np.where(fits, (highest - lowest) / 2, half)
-        if not len(own.turns):
+        if not len(conditions.turns):
             return self.times, centre, half
         wide = float(np.ptp(self.positions)) + 1.0  # for sides without a position limit
         low = max(low, float(self.positions.min()) - wide)
         high = min(high, float(self.positions.max()) + wide)
-        times = np.concatenate([self.times, own.turns])
+        times = np.concatenate([self.times, conditions.turns])
         order = np.argsort(times, kind="stable")
-        centre = np.append(centre, np.full(len(own.turns), (low + high) / 2))
-        half = np.append(half, np.full(len(own.turns), (high - low) / 2 * (1 - 1e-8)))
+        centre = np.append(centre, np.full(len(conditions.turns), (low + high) / 2))
+        half = np.append(half, np.full(len(conditions.turns), (high - low) / 2 * (1 - 1e-8)))
         return times[order], centre[order], half[order]
 
     def _hits(self, found: TubeAnswer) -> bool:
@@ -377,21 +379,21 @@ class Joint:
         read = self.readings
         for order, (name, (low, high)) in enumerate(zip(RATES, self.limits, strict=True)):
             if len(read.times) and name in found:
-                own = log_windows.bound(read.times, read.values, read.half, low, high, order)
-                own = replace(own, of_velocities=True)
-                found[name] = log_windows.best([found[name], own])
+                window = log_windows.bound(read.times, read.values, read.half, low, high, order)
+                window = replace(window, of_velocities=True)
+                found[name] = log_windows.best([found[name], window])
         return found
 
     def _bound(self, low: float | Array, high: float | Array, order: int) -> WindowBound:
         return log_windows.bound(self.times, self.positions, self.half, low, high, order)
 
-    def _steepest(self, own: WindowBound) -> WindowBound:
+    def _steepest(self, window: WindowBound) -> WindowBound:
         """Return the bound on the velocity by the steepest pair of all samples."""
         share, *at = slope(self.times, self.positions, self.half, self.limits[0])
-        if share <= own.share:
-            return own
+        if share <= window.share:
+            return window
         rows = tuple(int(np.searchsorted(self.times, time)) for time in at)
-        return replace(own, share=share, rows=rows)
+        return replace(window, share=share, rows=rows)
 
     def alone(self, name: str) -> TubeAnswer:
         """Return the tube's answer with one limit of `RATES` alone."""
@@ -418,7 +420,10 @@ def joints_of(
         resolution: Step of the sensors, rad, if it is known.
     """
     judged = accelerations or [True] * log.positions.shape[1]
-    return [_joint(log, limits, joint, own, noise, resolution) for joint, own in enumerate(judged)]
+    return [
+        _joint(log, limits, joint, is_judged, noise, resolution)
+        for joint, is_judged in enumerate(judged)
+    ]
 
 
 def premise_of(
@@ -443,14 +448,14 @@ def _joint(
     noise: float | None,
     resolution: float | None,
 ) -> Joint:
-    own: list[Limit] = []
+    pairs: list[Limit] = []
     for name in RATES:
         low, high = map(float, limits.by_name()[name][joint])
         known = np.isfinite([low, high]).all() and (judged or name != "acceleration")
-        own.append((low, high) if known else _UNLIMITED)
-    velocity, acceleration, jerk = own
+        pairs.append((low, high) if known else _UNLIMITED)
+    velocity, acceleration, jerk = pairs
     count = log.positions.size
-    known_to = premise_of(log, joint, own, noise, resolution)
+    known_to = premise_of(log, joint, pairs, noise, resolution)
     low, high = map(float, limits.position[joint])
     found = Joint(
         known=known_to,
@@ -465,7 +470,7 @@ def _joint(
     if known_to.left_out:
         return replace(found, no_readings="the positions repeat older values")
     velocities, half = log.velocities[:, joint], log.velocity_half_digits[:, joint]
-    readings = log_velocities.evidence_of(known_to, velocities, half, own, count)
+    readings = log_velocities.evidence_of(known_to, velocities, half, pairs, count)
     if isinstance(readings, str):
         return replace(found, no_readings=readings)
     blur = log.time_half_digit * max(map(abs, acceleration)) if log.time_half_digit else 0.0
@@ -499,10 +504,10 @@ def joined(chosen: Sequence[TubeAnswer], waypoint_times: Array) -> Trajectory | 
         return None
     pieces = []
     for found in chosen:
-        own = PPoly.from_spline(found.spline())  # with empty pieces at both ends
-        kept = np.diff(own.x) > 0
-        breaks = np.append(own.x[:-1][kept], own.x[-1])
-        pieces.append((breaks, own.c[:, kept]))
+        curve = PPoly.from_spline(found.spline())  # with empty pieces at both ends
+        kept = np.diff(curve.x) > 0
+        breaks = np.append(curve.x[:-1][kept], curve.x[-1])
+        pieces.append((breaks, curve.c[:, kept]))
     try:
         return Trajectory.joined(pieces, waypoint_times)
     except InvalidTrajectory:  # breaks that differ by rounding only

@@ -65,7 +65,7 @@ def verify_many(
     for places in _parts(pairs):
         table = _Table([pairs[place] for place in places], tolerance or Tolerance())
         certificates = table.certificates()
-        found |= {places[number]: own for number, own in certificates.items()}
+        found |= {places[number]: certificate for number, certificate in certificates.items()}
     return [
         found[place] if place in found else verify(problem, motion, tolerance)
         for place, (problem, motion) in enumerate(pairs)
@@ -83,7 +83,9 @@ def _parts(pairs: Sequence[tuple[Problem, Trajectory]]) -> Iterator[list[int]]:
         sizes = [len(pairs[place][1].lengths) * pairs[place][1].joints for place in places]
         numbers = np.cumsum(sizes) // MAX_CELLS
         for number in np.unique(numbers):
-            part = [place for place, own in zip(places, numbers, strict=True) if own == number]
+            part = [
+                place for place, part_of in zip(places, numbers, strict=True) if part_of == number
+            ]
             if len(part) >= FEWEST:
                 yield part
 
@@ -119,16 +121,16 @@ class _Table:
         self._motions = [motion for _, motion in pairs]
         self._tolerance = tolerance
         motions = self._motions
-        self._coefficients = np.concatenate([own.coefficients for own in motions], axis=1)
-        self._lengths = np.concatenate([own.lengths for own in motions])
-        self._breaks = np.concatenate([own.breaks for own in motions])
-        self._waypoints = np.concatenate([own.waypoints for own in self._problems])
-        self._pieces = _Shares([len(own.lengths) for own in motions])
-        self._knots = _Shares([len(own.breaks) for own in motions])
-        self._passed = _Shares([len(own.waypoints) for own in self._problems])
+        self._coefficients = np.concatenate([motion.coefficients for motion in motions], axis=1)
+        self._lengths = np.concatenate([motion.lengths for motion in motions])
+        self._breaks = np.concatenate([motion.breaks for motion in motions])
+        self._waypoints = np.concatenate([problem.waypoints for problem in self._problems])
+        self._pieces = _Shares([len(motion.lengths) for motion in motions])
+        self._knots = _Shares([len(motion.breaks) for motion in motions])
+        self._passed = _Shares([len(problem.waypoints) for problem in self._problems])
         # of each piece, the break at which it begins
         self._begins = np.arange(len(self._lengths)) + self._pieces.owner
-        at = np.concatenate([_breaks_at_waypoints(own) for own in motions])
+        at = np.concatenate([_breaks_at_waypoints(motion) for motion in motions])
         self._at = at + self._knots.first[self._passed.owner]
         self._joints = self._coefficients.shape[2]
 
@@ -147,8 +149,8 @@ class _Table:
             found = {}
             for row in np.flatnonzero(is_whole).tolist():
                 judged = self._motion(row, repaired)
-                own = {key: uses[key][row] for key in uses}
-                certificate = self._certificate(row, judged, allowed, errors, own)
+                used = {key: uses[key][row] for key in uses}
+                certificate = self._certificate(row, judged, allowed, errors, used)
                 if certificate is not None:
                     found[row] = certificate
             return found
@@ -168,8 +170,8 @@ class _Table:
         waypoint, excess = worst_of(missed[self._passed.of(row)], allowed.waypoint[row], times)
         knots = self._knots.of(row)
         found = [
-            worst_of(jump[knots], own[row], motion.breaks, order)
-            for order, (jump, own) in enumerate(zip(jumps, allowed.jumps, strict=True))
+            worst_of(jump[knots], most[row], motion.breaks, order)
+            for order, (jump, most) in enumerate(zip(jumps, allowed.jumps, strict=True))
         ]
         blurs = blurred[self._pieces.of(row)]
         _, blur = worst_of(blurs, allowed.blur[row], motion.breaks)
@@ -178,14 +180,14 @@ class _Table:
             return None
         dilation = 0.0
         kept: dict[str, Use] = {}
-        for key, own in uses.items():
-            if own is None:
+        for key, use_of in uses.items():
+            if use_of is None:
                 return None
-            needed = problem.limits.kinds[key].dilation(own, judged)
+            needed = problem.limits.kinds[key].dilation(use_of, judged)
             if not np.isfinite(needed * judged.duration):
                 return None
             dilation = float(np.maximum(dilation, needed))
-            kept[key] = own
+            kept[key] = use_of
         return Certificate(
             duration=motion.duration,
             dilation=dilation,
@@ -206,7 +208,7 @@ class _Table:
         for order in range(4):
             derivative = polynomials.derivative(self._coefficients, order)
             degree = len(derivative) - 1
-            factors = [polynomials.powers(own.lengths, degree) for own in self._motions]
+            factors = [polynomials.powers(motion.lengths, degree) for motion in self._motions]
             found.append(derivative * np.concatenate(factors, axis=1)[..., None])
         return found
 
@@ -240,7 +242,7 @@ class _Table:
             smooth=self._problems[0].limits.smooth,
             largest=self._largest,
             coordinates=self._rounding,
-            duration=np.array([[own.duration] for own in self._motions]),
+            duration=np.array([[motion.duration] for motion in self._motions]),
             tolerance=self._tolerance,
         )
 
@@ -248,16 +250,16 @@ class _Table:
     def _limits(self) -> list[Array]:
         """The smaller sides of velocity, acceleration and jerk limits, `(motions, joints)`."""
         kinds = ("velocity", "acceleration", "jerk")
-        every = ([getattr(own.limits, name) for own in self._problems] for name in kinds)
-        return [np.abs(own).min(axis=2) for own in every]
+        every = ([getattr(problem.limits, name) for problem in self._problems] for name in kinds)
+        return [np.abs(sides).min(axis=2) for sides in every]
 
     @cached_property
     def _largest(self) -> Array:
-        return np.array([own.largest_displacements for own in self._problems])
+        return np.array([problem.largest_displacements for problem in self._problems])
 
     @cached_property
     def _rounding(self) -> Array:
-        return np.array([own.rounding for own in self._problems])
+        return np.array([problem.rounding for problem in self._problems])
 
     # --- the repair ---
 
@@ -277,7 +279,7 @@ class _Table:
         """Return the coefficients with positions integrated anew from each segment's waypoint."""
         waypoint, piece, _ = self._segments
         segment = np.repeat(np.arange(len(piece)), np.diff(piece, append=len(self._lengths)))
-        ended = np.concatenate([np.cumsum(self._travel[own], axis=0) for own in self._pieces])
+        ended = np.concatenate([np.cumsum(self._travel[pieces], axis=0) for pieces in self._pieces])
         before = ended - self._travel
         found = np.array(self._coefficients)
         found[-1] = before - before[piece][segment]
@@ -296,7 +298,7 @@ class _Table:
         whole = np.diff(piece, append=len(self._lengths))
         ends = self._at[waypoint + 1]
         until_end = np.repeat(self._breaks[ends], whole) - self._breaks[self._begins]
-        allowed = [self._rounding, *(NEGLIGIBLE_USE * own for own in self._limits)]
+        allowed = [self._rounding, *(NEGLIGIBLE_USE * limit for limit in self._limits)]
         kept = ~brief
         bends = self._problems[0].limits.smooth >= 2
         for order, joints in ((1, ~bends), (2, bends)):
@@ -308,10 +310,10 @@ class _Table:
                 until_end=until_end[:, None],
                 rate=rate[:, joints],
                 missed=missed[:, joints],
-                starting=[own[self._begins][:, joints] for own in jumps],
-                ending=[own[ends][:, joints] for own in jumps],
+                starting=[jump[self._begins][:, joints] for jump in jumps],
+                ending=[jump[ends][:, joints] for jump in jumps],
             )
-            kept &= corrections.negligible([own[owner][:, joints] for own in allowed])
+            kept &= corrections.negligible([most[owner][:, joints] for most in allowed])
         return np.logical_and.reduceat(kept, _begins(owner))
 
     def _motion(self, row: int, repaired: Array) -> Trajectory:
@@ -322,11 +324,11 @@ class _Table:
 
     def _worst(self, key: str) -> list[Use | None]:
         """Return the worst use of a limit by each motion; None where it is to be judged alone."""
-        numbers = np.array([own.limits.kinds[key].numbers for own in self._problems])
+        numbers = np.array([problem.limits.kinds[key].numbers for problem in self._problems])
         unit = self._units[LIMIT_ORDERS[key]]  # type: ignore[index]
         found = peaks(unit, numbers[self._pieces.owner], ratio, list(self._pieces))
         pairs = zip(found, self._motions, strict=True)
-        return [own and use(own, motion) for own, motion in pairs]
+        return [worst and use(worst, motion) for worst, motion in pairs]
 
 
 class _Shares:

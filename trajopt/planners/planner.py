@@ -81,13 +81,15 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
             if not is_batch:
                 return timed(problem, answer, lambda slower: checked(self, slower, **keywords))
             each = zip(answer, seeds[0], strict=True)
-            return [timed(problem, own, partial(self.solve, seed=seed)) for own, seed in each]
+            return [
+                timed(problem, solution, partial(self.solve, seed=seed)) for solution, seed in each
+            ]
         reason = self.unsupported(problem)
         if reason is None and self.splits(problem):
             parts = [checked(self, part, *seeds, **keywords) for part in dwell.parts(problem)]
             if not is_batch:
                 return _joined(problem, parts)
-            return [_joined(problem, list(own)) for own in zip(*parts, strict=True)]
+            return [_joined(problem, list(part)) for part in zip(*parts, strict=True)]
         refusal = None if reason else self._infeasible(problem)
         if reason is None and refusal is None:
             shown, said = self._shown(problem)
@@ -96,7 +98,7 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
                 return answer
             relaxed = self.relation(problem) is Relation.RELAXATION
             if is_batch:
-                return [_saying(said, own, relaxed=relaxed) for own in answer]
+                return [_saying(said, solution, relaxed=relaxed) for solution in answer]
             return _saying(said, answer, relaxed=relaxed)
         refusal = refusal or Solution(Status.UNSUPPORTED, message=reason or "")
         if is_batch:
@@ -119,11 +121,11 @@ def _sorting(solve_many: Callable[..., list[Solution]]) -> Callable[..., list[So
         seeds = [0] * len(problems) if seeds is None else seeds
         pairs = list(zip(problems, seeds, strict=True))
         whole = [self._takes_whole(check_problem(problem)) for problem in problems]
-        some = [pair for pair, own in zip(pairs, whole, strict=True) if own]
+        some = [pair for pair, is_whole in zip(pairs, whole, strict=True) if is_whole]
         answers = iter(solve_many(self, *map(list, zip(*some, strict=True))) if some else ())
         return [
-            next(answers) if own else self.solve(problem, seed=seed)
-            for (problem, seed), own in zip(pairs, whole, strict=True)
+            next(answers) if is_whole else self.solve(problem, seed=seed)
+            for (problem, seed), is_whole in zip(pairs, whole, strict=True)
         ]
 
     return checked
@@ -143,9 +145,9 @@ def _timed(solve: Callable[..., Any]) -> Callable[..., Any]:
             return answer
         if isinstance(answer, Solution):
             return replace(answer, library_time=clock.seconds)
-        if isinstance(answer, list) and all(isinstance(own, Solution) for own in answer):
+        if isinstance(answer, list) and all(isinstance(solution, Solution) for solution in answer):
             share = clock.seconds / len(answer)
-            return [replace(own, library_time=share) for own in answer]
+            return [replace(solution, library_time=share) for solution in answer]
         return answer
 
     return timed
@@ -167,7 +169,9 @@ def _joined(problem: Problem, parts: list[Solution]) -> Solution:
     relaxed = any(part.status is Status.RELAXED for part in parts)
     started = [np.sort(np.ravel(part.stats.get("start_duration", []))) for part in parts]
     count = min(map(len, started))
-    stats = {"start_duration": sum(own[:count] for own in started) + waits} if count else {}
+    stats = (
+        {"start_duration": sum(durations[:count] for durations in started) + waits} if count else {}
+    )
     return Solution(
         Status.RELAXED if relaxed else Status.SOLVED,
         dwell.joined(problem, motions),
@@ -232,11 +236,11 @@ class Planner(ABC):
                 setattr(cls, name, _timed(_refusing(vars(cls)[name])))
         if "solve_many" in vars(cls):
             cls.solve_many = _timed(_sorting(vars(cls)["solve_many"]))  # type: ignore[method-assign]
-        own = vars(cls).get("unsupported")
-        if isinstance(own, staticmethod):
-            cls.unsupported = _knowing(lambda _, problem: own(problem))  # type: ignore[method-assign]
-        elif own is not None:
-            cls.unsupported = _knowing(own)  # type: ignore[method-assign]
+        stated = vars(cls).get("unsupported")
+        if isinstance(stated, staticmethod):
+            cls.unsupported = _knowing(lambda _, problem: stated(problem))  # type: ignore[method-assign]
+        elif stated is not None:
+            cls.unsupported = _knowing(stated)  # type: ignore[method-assign]
 
     @abstractmethod
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -310,8 +314,8 @@ class Planner(ABC):
 
     def _infeasible(self, problem: Problem) -> Solution | None:
         """Return the answer `infeasible` if a known limit or a state at an end proves it."""
-        known = (own for own in problem.limits.kinds.values() if self.plans_for(own))
-        reasons = (own.infeasible(problem) for own in known)
+        known = (limit for limit in problem.limits.kinds.values() if self.plans_for(limit))
+        reasons = (limit.infeasible(problem) for limit in known)
         reason = impossible(problem) or next(filter(None, reasons), None)
         # what proves bounds says more: by how much
         if reason is None and "given_times" in self.knows and not self.drops:
@@ -320,7 +324,7 @@ class Planner(ABC):
 
     def unknown(self, problem: Problem) -> list[str]:
         """Return the kinds of the problem's limits that it does not plan for, by their keys."""
-        return [key for key, own in problem.limits.kinds.items() if not self.plans_for(own)]
+        return [key for key, limit in problem.limits.kinds.items() if not self.plans_for(limit)]
 
     def plans_for(self, limit: Limit | type[Limit]) -> bool:
         """Return whether it plans for a kind of limit."""
@@ -611,6 +615,6 @@ def backend(name: str, extra: str = "") -> Any:
 def raised(error: BaseException) -> str:
     """Name an exception of a planner, and the last line outside of other packages."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = (frame for frame in reversed(frames) if "site-packages" not in frame.filename)
-    last = next(own, frames[-1])
+    outside = (frame for frame in reversed(frames) if "site-packages" not in frame.filename)
+    last = next(outside, frames[-1])
     return f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"

@@ -50,7 +50,7 @@ class Enclosure(NDArrayOperatorsMixin):
         return cls(middle, (middle - change, middle + change), (slope - bend, slope + bend))
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *given: Any, **keywords: Any) -> Any:
-        if any(isinstance(own, np.ndarray) and own.dtype == object for own in given):
+        if any(isinstance(operand, np.ndarray) and operand.dtype == object for operand in given):
             return NotImplemented  # NumPy then asks its elements one by one
         rule = _RULES.get(ufunc)
         if method != "__call__" or keywords or rule is None:
@@ -61,9 +61,9 @@ class Enclosure(NDArrayOperatorsMixin):
 def made(value: Any) -> Enclosure:
     if isinstance(value, Enclosure):
         return value
-    own = np.asarray(value, dtype=float)
-    zero = np.zeros_like(own)
-    return Enclosure(own, (own, own), (zero, zero))
+    exact = np.asarray(value, dtype=float)
+    zero = np.zeros_like(exact)
+    return Enclosure(exact, (exact, exact), (zero, zero))
 
 
 def _plus(one: Range, other: Range) -> Range:
@@ -86,9 +86,9 @@ def _sum(one: Any, other: Any) -> Enclosure:
     return Enclosure(a.middle + b.middle, _plus(a.values, b.values), _plus(a.slopes, b.slopes))
 
 
-def _negative(own: Enclosure) -> Enclosure:
-    (low, high), (falls, rises) = own.values, own.slopes
-    return Enclosure(-own.middle, (-high, -low), (-rises, -falls))
+def _negative(argument: Enclosure) -> Enclosure:
+    (low, high), (falls, rises) = argument.values, argument.slopes
+    return Enclosure(-argument.middle, (-high, -low), (-rises, -falls))
 
 
 def _product(one: Any, other: Any) -> Enclosure:
@@ -101,29 +101,29 @@ def _product(one: Any, other: Any) -> Enclosure:
     return Enclosure(a.middle * b.middle, _times(a.values, b.values), slopes)
 
 
-def _scaled(own: Enclosure, factor: float) -> Enclosure:
+def _scaled(argument: Enclosure, factor: float) -> Enclosure:
     if factor < 0:
-        return _scaled(_negative(own), -factor)
-    low, high = own.values
-    falls, rises = own.slopes
+        return _scaled(_negative(argument), -factor)
+    low, high = argument.values
+    falls, rises = argument.slopes
     return Enclosure(
-        factor * own.middle, (factor * low, factor * high), (factor * falls, factor * rises)
+        factor * argument.middle, (factor * low, factor * high), (factor * falls, factor * rises)
     )
 
 
-def _square(own: Enclosure) -> Enclosure:
-    low, high = own.values
+def _square(argument: Enclosure) -> Enclosure:
+    low, high = argument.values
     inside = (low < 0) & (high > 0)
     values = (np.where(inside, 0.0, np.minimum(low**2, high**2)), np.maximum(low**2, high**2))
-    return Enclosure(own.middle**2, values, _times((2 * low, 2 * high), own.slopes))
+    return Enclosure(argument.middle**2, values, _times((2 * low, 2 * high), argument.slopes))
 
 
-def _power(own: Any, exponent: Any) -> Enclosure:
+def _power(argument: Any, exponent: Any) -> Enclosure:
     if not isinstance(exponent, int | np.integer) or exponent < 1:
         raise TypeError("a power in the rows of a limit that is no whole number from 1")
-    found = _square(own) if exponent > 1 else own
+    found = _square(argument) if exponent > 1 else argument
     for _ in range(int(exponent) - 2):
-        found = _product(found, own)
+        found = _product(found, argument)
     return found
 
 
@@ -142,8 +142,8 @@ def _quotient(one: Any, other: Any) -> Enclosure:
     return _product(one, inverse)
 
 
-def _negative_range(own: Range) -> Range:
-    return -own[1], -own[0]
+def _negative_range(argument: Range) -> Range:
+    return -argument[1], -argument[0]
 
 
 def _wave(
@@ -151,10 +151,10 @@ def _wave(
 ) -> Callable[[Enclosure], Enclosure]:
     """Return the rule of sine or cosine, by the range of its derivative."""
 
-    def rule(own: Enclosure) -> Enclosure:
-        middle = function(own.middle)
+    def rule(argument: Enclosure) -> Enclosure:
+        middle = function(argument.middle)
         one = np.ones_like(middle)
-        return Enclosure(middle, (-one, one), _times(derivative(own), own.slopes))
+        return Enclosure(middle, (-one, one), _times(derivative(argument), argument.slopes))
 
     return rule
 
@@ -162,8 +162,8 @@ def _wave(
 def _around(function: Callable[[Array], Array]) -> Callable[[Enclosure], Range]:
     """Return the range of a function whose derivative is between −1 and 1, and so is it."""
 
-    def span(own: Enclosure) -> Range:
-        low, high = own.values
+    def span(argument: Enclosure) -> Range:
+        low, high = argument.values
         middle, reach = (low + high) / 2, (high - low) / 2
         value = function(middle)
         return np.maximum(value - reach, -1.0), np.minimum(value + reach, 1.0)
@@ -171,22 +171,22 @@ def _around(function: Callable[[Array], Array]) -> Callable[[Enclosure], Range]:
     return span
 
 
-def _sign(own: Enclosure) -> Enclosure:
+def _sign(argument: Enclosure) -> Enclosure:
     """Return the signs within the interval: where the value ends at 0, it has the sign before."""
-    low, high = own.values
+    low, high = argument.values
     falls = low < -_ROUNDING_RTOL * np.maximum(high, 0.0)
     rises = high > _ROUNDING_RTOL * np.maximum(-low, 0.0)
     signs = np.where(falls, -1.0, rises), np.where(rises, 1.0, -1.0 * falls)
     jumps = np.where(falls & rises, np.inf, 0.0)
-    return Enclosure(np.clip(np.sign(own.middle), *signs), signs, (-jumps, jumps))
+    return Enclosure(np.clip(np.sign(argument.middle), *signs), signs, (-jumps, jumps))
 
 
-def _sqrt(own: Enclosure) -> Enclosure:
-    low, high = (np.maximum(end, 0.0) for end in own.values)
+def _sqrt(argument: Enclosure) -> Enclosure:
+    low, high = (np.maximum(end, 0.0) for end in argument.values)
     with np.errstate(divide="ignore"):
         steep = (1 / (2 * np.sqrt(high)), 1 / (2 * np.sqrt(low)))
-    middle = np.sqrt(np.maximum(own.middle, 0.0))
-    return Enclosure(middle, (np.sqrt(low), np.sqrt(high)), _times(steep, own.slopes))
+    middle = np.sqrt(np.maximum(argument.middle, 0.0))
+    return Enclosure(middle, (np.sqrt(low), np.sqrt(high)), _times(steep, argument.slopes))
 
 
 def _highest(one: Any, other: Any) -> Enclosure:
@@ -213,18 +213,18 @@ _RULES: dict[np.ufunc, Callable[..., Enclosure]] = {
     np.sqrt: _sqrt,
     np.sign: _sign,
     np.sin: _wave(np.sin, _COS),
-    np.cos: _wave(np.cos, lambda own: _negative_range(_SIN(own))),
+    np.cos: _wave(np.cos, lambda argument: _negative_range(_SIN(argument))),
     np.maximum: _highest,
     np.minimum: lambda one, other: _negative(
         _highest(_negative(made(one)), _negative(made(other)))
     ),
-    np.absolute: lambda own: _highest(own, _negative(own)),
+    np.absolute: lambda argument: _highest(argument, _negative(argument)),
 }
 
 
 def _named(name: str) -> Callable[[Any], Any]:
     function = getattr(np, name)
-    return lambda own: function(own)
+    return lambda argument: function(argument)
 
 
 for _name in ("sin", "cos", "sqrt", "sign", "square"):

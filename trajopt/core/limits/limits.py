@@ -82,16 +82,18 @@ class Limits:
         }
         read = {}
         for key, value in given.items():
-            own = value if isinstance(value, Limit) else named(key).read(value, joints)
-            if len(own.bounds) != joints:
+            limit = value if isinstance(value, Limit) else named(key).read(value, joints)
+            if len(limit.bounds) != joints:
                 right = f"limits of {joints} joints, as velocity has"
-                raise InvalidInput(f"limits.{key}", right, value=len(own.bounds))
-            read[key] = own
+                raise InvalidInput(f"limits.{key}", right, value=len(limit.bounds))
+            read[key] = limit
         _check_segments(read)
         for name in LIMIT_NAMES:
             self.__dict__[name] = read[name].numbers
-        others = {key: own for key, own in read.items() if key not in LIMIT_NAMES}
-        self.__dict__["others"] = {key: own for key, own in others.items() if own.bounds.any()}
+        others = {key: limit for key, limit in read.items() if key not in LIMIT_NAMES}
+        self.__dict__["others"] = {
+            key: limit for key, limit in others.items() if limit.bounds.any()
+        }
         self.__dict__["_held"] = {key: read[key] for key in KINDS if key in read}
 
     def __eq__(self, other: object) -> bool:
@@ -112,7 +114,7 @@ class Limits:
     @property
     def segments(self) -> int | None:
         """Return the number of segments; None where every limit is the same in all segments."""
-        return next((own.segments for own in self._held.values() if own.segments), None)
+        return next((limit.segments for limit in self._held.values() if limit.segments), None)
 
     @property
     def changes(self) -> Bools:
@@ -121,9 +123,9 @@ class Limits:
         It is a single False where limits are the same in all segments.
         """
         found = np.zeros((self.segments or 2) - 1, dtype=bool)
-        for own in self._held.values():
-            if own.segments is not None:
-                rows = own.numbers.reshape(own.segments, -1)
+        for limit in self._held.values():
+            if limit.segments is not None:
+                rows = limit.numbers.reshape(limit.segments, -1)
                 found |= [
                     not np.array_equal(*both, equal_nan=True) for both in itertools.pairwise(rows)
                 ]
@@ -149,18 +151,20 @@ class Limits:
 
     def of_segments(self, numbers: Indices) -> Limits:
         """Return the limits of some segments, by index."""
-        return self if self.segments is None else self._each(lambda own: own.of_segments(numbers))
+        return (
+            self if self.segments is None else self._each(lambda limit: limit.of_segments(numbers))
+        )
 
     def in_all_segments(self, *, tightest: bool = True) -> Limits:
         """Return limits for all segments together: the tightest, or the widest, of each."""
         if self.segments is None:
             return self
-        return self._each(lambda own: own.in_all_segments(tightest=tightest))
+        return self._each(lambda limit: limit.in_all_segments(tightest=tightest))
 
     @cached_property
     def kinds(self) -> Mapping[str, Limit]:
         """The limits that bound at least one joint, by key."""
-        return {key: own for key, own in self._held.items() if own.bounds.any()}
+        return {key: limit for key, limit in self._held.items() if limit.bounds.any()}
 
     @property
     def beyond_rates(self) -> list[str]:
@@ -171,8 +175,8 @@ class Limits:
     def smooth(self) -> Indices:
         """The highest derivative of each joint that must be continuous, `(joints,)`."""
         highest = np.zeros(self.joints, dtype=np.intp)
-        for own in self.kinds.values():
-            highest = np.where(own.bounds, np.maximum(highest, own.smooth), highest)
+        for limit in self.kinds.values():
+            highest = np.where(limit.bounds, np.maximum(highest, limit.smooth), highest)
         return highest
 
     def worst(self, key: str, motion: Trajectory) -> Use:
@@ -181,8 +185,8 @@ class Limits:
         The limits of segments that take no time count too, for what does not jump there: velocity,
         and acceleration of joints with a jerk limit.
         """
-        own = self.kinds[key]
-        found, passed = own.worst(motion), own.at_instants(motion, self.smooth)
+        limit = self.kinds[key]
+        found, passed = limit.worst(motion), limit.at_instants(motion, self.smooth)
         return max(found, passed or found, key=lambda use: use.value)
 
     @property
@@ -198,7 +202,7 @@ class Limits:
 
     def without(self, *keys: str) -> Limits:
         """Return these limits without the named ones: any but velocity and acceleration."""
-        return Limits(**{key: own for key, own in self._held.items() if key not in keys})
+        return Limits(**{key: limit for key, limit in self._held.items() if key not in keys})
 
     def only(self, joints: ArrayLike, rest: Array | None = None) -> Limits:
         """Return the limits of some joints, by index (from 0) or mask.
@@ -209,10 +213,10 @@ class Limits:
         chosen = np.arange(self.joints)[np.asarray(joints)]
         moving = np.isin(np.arange(self.joints), chosen)
 
-        def part(own: Limit) -> Limit | None:
-            found = own.only(chosen)
-            if found is None and rest is not None and own.has_rows():
-                return BesideResting(own, moving, rest)
+        def part(limit: Limit) -> Limit | None:
+            found = limit.only(chosen)
+            if found is None and rest is not None and limit.has_rows():
+                return BesideResting(limit, moving, rest)
             return found
 
         return self._each(part)
@@ -224,23 +228,23 @@ class Limits:
         """
         if (sizes == 1.0).all():
             return self
-        return self._each(lambda own: own.converted(sizes))
+        return self._each(lambda limit: limit.converted(sizes))
 
     def in_units(self, time: float, lengths: Array | float) -> Limits:
         """Return the limits with times in units of `time`, s, and positions in `lengths`, rad.
 
         `lengths` is one number for all joints, or `(joints, 1)`.
         """
-        return self._each(lambda own: own.in_units(time, lengths))
+        return self._each(lambda limit: limit.in_units(time, lengths))
 
     def widened(self, key: str, joint: int | None, by: float, segment: int | None = None) -> Limits:
         """Return the limits, one of them wider by the fraction `by` for one joint.
 
         `segment` widens it in one segment only, by index, where segments differ.
         """
-        own = self._held[key]
-        part = () if own.segments is None else (segment,)
-        return self.with_limit(own.widened(joint, by, *part))
+        limit = self._held[key]
+        part = () if limit.segments is None else (segment,)
+        return self.with_limit(limit.widened(joint, by, *part))
 
     def for_chain(self, chain: LinkChain | None) -> Limits:
         """Return the limits of an arm with these link frames.
@@ -248,13 +252,13 @@ class Limits:
         Raises:
             InvalidInput: A limit needs link frames, and there are none.
         """
-        made = [own.for_chain(chain) for own in self._held.values()]
-        same = all(own is before for own, before in zip(made, self._held.values(), strict=True))
-        return self if same else Limits(**{own.key: own for own in made})
+        made = [limit.for_chain(chain) for limit in self._held.values()]
+        same = all(limit is before for limit, before in zip(made, self._held.values(), strict=True))
+        return self if same else Limits(**{limit.key: limit for limit in made})
 
-    def with_limit(self, own: Limit) -> Limits:
+    def with_limit(self, limit: Limit) -> Limits:
         """Return the limits with one added, or replaced where there is one of its kind."""
-        return Limits(**{**self._held, own.key: own})
+        return Limits(**{**self._held, limit.key: limit})
 
     def by_name(self) -> dict[str, Array]:
         """Return velocity, acceleration, jerk and position limits, by name.
@@ -264,13 +268,13 @@ class Limits:
         return {name: getattr(self, name) for name in LIMIT_NAMES}
 
     def _each(self, change: Callable[[Limit], Limit | None]) -> Limits:
-        changed = {key: change(own) for key, own in self._held.items()}
-        return Limits(**{key: own for key, own in changed.items() if own is not None})
+        changed = {key: change(limit) for key, limit in self._held.items()}
+        return Limits(**{key: limit for key, limit in changed.items() if limit is not None})
 
 
 def _check_segments(kinds: Mapping[str, Limit]) -> None:
     """Refuse limits with different numbers of segments."""
-    counts = {key: own.segments for key, own in kinds.items() if own.segments is not None}
+    counts = {key: limit.segments for key, limit in kinds.items() if limit.segments is not None}
     for key, count in counts.items():
         first, expected = next(iter(counts.items()))
         if count != expected:

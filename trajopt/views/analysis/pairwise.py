@@ -142,9 +142,9 @@ def pairs_by_problem(runs: pd.DataFrame, bounds: pd.Series[float] | None = None)
     durations = _tie_durations(runs)
     problems: dict[str, dict[str, Array]] = {}
     cells = durations.groupby([runs["digest"], runs["label"]])
-    for (digest, label), own in cells:
+    for (digest, label), times in cells:
         planners = problems.setdefault(digest, {})
-        planners[label] = own.to_numpy()
+        planners[label] = times.to_numpy()
     groups = runs.drop_duplicates("digest").set_index("digest")["group"]
     rows = []
     for digest, planners in problems.items():
@@ -209,13 +209,13 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
     """
     durations = _tie_durations(runs)
     samples = {}
-    for label, own in durations.groupby(runs["label"]):
-        if len(own) > 1:
-            samples[label] = own.to_numpy()
+    for label, times in durations.groupby(runs["label"]):
+        if len(times) > 1:
+            samples[label] = times.to_numpy()
     rows = {}
     for pair in combinations(samples, 2):
-        own, theirs = (samples[label] for label in pair)
-        rows[pair] = _seed_row(own, theirs)
+        ours, theirs = (samples[label] for label in pair)
+        rows[pair] = _seed_row(ours, theirs)
     return _both_ways(rows, _SEED_COLUMNS)
 
 
@@ -269,12 +269,12 @@ def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _paired_row(group: pd.DataFrame) -> dict[str, float]:
-    own = np.log(group["own"].to_numpy())
+    ours = np.log(group["own"].to_numpy())
     theirs = np.log(group["theirs"].to_numpy())
     of_group = group["group"].to_numpy()
-    test = statistics.wilcoxon(own, theirs, of_group)
+    test = statistics.wilcoxon(ours, theirs, of_group)
     chance = statistics.mean_interval(group["chance"], of_group)
-    answered = np.isfinite(own) & np.isfinite(theirs)
+    answered = np.isfinite(ours) & np.isfinite(theirs)
     decided = _decided(group)
     one_side = min(test.wins, test.losses) == 0 and test.ties < len(group)
     return {
@@ -283,14 +283,14 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
         "better": test.wins,
         "tied": test.ties,
         "worse": test.losses,
-        "ratio": _median_ratio(own, theirs),
+        "ratio": _median_ratio(ours, theirs),
         "chance": chance.value,
         "low": chance.low,
         "high": chance.high,
         "pvalue": test.pvalue,
         "proved": float(one_side and decided == test.wins + test.losses),
         "decided": decided,
-    } | _both_answer(own[answered], theirs[answered], of_group[answered])
+    } | _both_answer(ours[answered], theirs[answered], of_group[answered])
 
 
 def _decided(group: pd.DataFrame) -> int:
@@ -307,33 +307,33 @@ def _decided(group: pd.DataFrame) -> int:
     return int((decided & (shorter < longer) & np.isfinite(longer)).sum())
 
 
-def _both_answer(own: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:
+def _both_answer(ours: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:
     """Return the columns `both_…` from finite logarithms of durations."""
-    if not own.size:
+    if not ours.size:
         nothing = dict.fromkeys(["both", "both_better", "both_tied", "both_worse"], 0)
         return nothing | {"both_ratio": np.nan, "both_pvalue": 1.0}
-    test = statistics.wilcoxon(own, theirs, groups)
+    test = statistics.wilcoxon(ours, theirs, groups)
     return {
-        "both": own.size,
+        "both": ours.size,
         "both_better": test.wins,
         "both_tied": test.ties,
         "both_worse": test.losses,
-        "both_ratio": _median_ratio(own, theirs),
+        "both_ratio": _median_ratio(ours, theirs),
         "both_pvalue": test.pvalue,
     }
 
 
-def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
-    test = statistics.mann_whitney(own, theirs)
-    chance = float(statistics.shorter_chance(own, theirs))
-    interval = statistics.shorter_interval(chance, own.size, theirs.size)
-    median = _median(own)
+def _seed_row(ours: Array, theirs: Array) -> dict[str, float]:
+    test = statistics.mann_whitney(ours, theirs)
+    chance = float(statistics.shorter_chance(ours, theirs))
+    interval = statistics.shorter_interval(chance, ours.size, theirs.size)
+    median = _median(ours)
     rival_median = _median(theirs)
     ratio = np.nan
     if np.isfinite(median) or np.isfinite(rival_median):
         ratio = median / rival_median
     return {
-        "runs": own.size,
+        "runs": ours.size,
         "rival_runs": theirs.size,
         "median": median,
         "rival_median": rival_median,
@@ -346,11 +346,11 @@ def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
     }
 
 
-def _median_ratio(own: Array, theirs: Array) -> float:
+def _median_ratio(ours: Array, theirs: Array) -> float:
     """Return the median ratio from logarithms; its inverse is exact for the swapped pair."""
     with np.errstate(invalid="ignore"):
-        change = own - theirs
-        equal = own == theirs
+        change = ours - theirs
+        equal = ours == theirs
         logs = np.sort(np.where(equal, 0.0, change))
         lower = logs[(logs.size - 1) // 2]
         upper = logs[logs.size // 2]
