@@ -138,8 +138,8 @@ def test_a_correction_below_its_bound_is_negligible(order):
         size = 10.0 ** rng.uniform(-16, -12)
         missed = 1e-3 * size * rng.normal(size=(2, 2))
         jumps = [size * rng.normal(size=(7, 2)) for _ in range(order)]
-        added = repair._added(layout, joints, np.arange(2), missed, jumps)
-        computed = repair._is_negligible(added, layout, problem, np.arange(2))
+        added = repair._added(layout, joints, missed, jumps)
+        computed = repair._is_negligible(added, layout, problem, slice(0, 2))
         bound = repair._surely_negligible(problem, layout, joints, missed, jumps)
         assert computed or not bound
         counts[0] += bound

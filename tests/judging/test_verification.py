@@ -745,5 +745,5 @@ def test_cancelling_terms_hide_no_jump() -> None:
     problem = Problem([[0.0], [1.0]], Limits([9.0], [9.0]))
     layout = repair._layout(problem, motion, np.array([True, True]))
     assert layout is not None
-    jumps = repair._jumps(problem, layout, 1)
+    jumps = repair._jumps(problem, layout, 1, slice(0, 1))
     np.testing.assert_allclose(jumps[1:-1], step, rtol=0.5)

@@ -141,8 +141,9 @@ class Trajectory:
     def blocks(self) -> Iterator[slice]:
         """Yield the pieces in blocks, in order: of one block everything fits into memory."""
         size = max(1, KEPT_VALUES // (len(self.coefficients) * self.joints))
-        for first in range(0, len(self.lengths), size):
-            yield slice(first, first + size)
+        count = len(self.lengths)
+        for first in range(0, count, size):
+            yield slice(first, min(first + size, count))
 
     @cached_property
     def _pieces(self) -> dict[int, Array]:
@@ -249,15 +250,14 @@ class Trajectory:
         rows = max(len(coefficients) for _, coefficients in joints)
         starts = breaks[:-1]
         middles = 0.5 * (starts + breaks[1:])
-        # each joint's own pieces, from where they start, missing powers as zeros
-        offsets = np.zeros((len(starts), len(joints)))
-        own_pieces = np.zeros((rows, *offsets.shape))
+        found = np.zeros((rows, len(starts), len(joints)))
         for joint, (own, coefficients) in enumerate(joints):
+            # each joint's own pieces, from where they start, missing powers as zeros
             piece = np.searchsorted(own[1:-1], middles, side="right")
-            offsets[:, joint] = starts - own[piece]
-            first_row = rows - len(coefficients)
-            own_pieces[first_row:, :, joint] = coefficients[:, piece]
-        return cls(breaks, polynomials.shifted(own_pieces, offsets), times)
+            own_pieces = np.zeros((rows, len(starts)))
+            own_pieces[rows - len(coefficients) :] = coefficients[:, piece]
+            found[..., joint] = polynomials.shifted(own_pieces, starts - own[piece])
+        return cls(breaks, found, times)
 
     def beside(self, start: Array, moving: Bools) -> Trajectory:
         """The motion of the joints that move, beside joints that stay where they start.

@@ -31,7 +31,7 @@ are then at its ends, where the long segments take them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -54,6 +54,7 @@ MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
 MAX_ATTEMPTS = 8
 _MOST_CELLS = 200_000  # pieces times joints that are corrected at once
+_BLOCK = 20_000  # pieces of one joint of a longer motion that are
 # A segment is brief if it takes less than this share of the time of both its neighbours.
 BRIEF_RTOL = 1e-3
 
@@ -123,11 +124,10 @@ def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajector
         layout = _layout(problem, motion, met)
         if layout is None:
             return None
-        rebased = _rebased(layout, anew=motion is trajectory)
-        coefficients, changed = _corrected(problem, layout, rebased)
+        rebased, missed = _rebased(layout, anew=motion is trajectory)
+        coefficients, changed = _corrected(problem, layout, rebased, missed)
         del rebased
-        finite = np.isfinite(coefficients)
-        if not finite.all():
+        if not all(np.isfinite(row).all() for row in coefficients):
             return None
         motion = _placed(layout, coefficients)
         if not changed:
@@ -140,17 +140,26 @@ def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
 
     The array becomes that of the motion.
     """
-    coefficients[-1] += layout.origins
+    for some in _parts(layout):
+        coefficients[-1, :, some] += layout.of_pieces(layout.waypoints[:-1, some])
     motion = layout.trajectory
     times = motion.breaks[layout.waypoint_breaks]
     return motion.with_coefficients(coefficients, times)
 
 
-def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> tuple[Array, bool]:
+def _corrected(
+    problem: Problem, layout: _Layout, coefficients: Array, missed: Array
+) -> tuple[Array, bool]:
     """Return the coefficients of a motion without miss, jump, or excess over a position limit.
 
     Positions are relative to the segment's first waypoint. The array is changed, or replaced where
     it has too few rows.
+
+    Args:
+        problem: Its limits and end states.
+        layout: of the segments.
+        coefficients: as `_rebased` returns them.
+        missed: of the segments' ends, rad, `(segments, joints)`.
 
     Returns:
         The coefficients, and whether a correction was needed.
@@ -159,33 +168,39 @@ def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> tuple[
     at_limits = problem.has("position")
     accelerations_too = problem.limits.smooth >= 2
     by_order = {1: ~accelerations_too, 2: accelerations_too}
-    missed = _missed(layout)
+    every = slice(0, problem.joints)
     for order, joints in by_order.items():
         if not joints.any():
             continue
-        jumps = [_jumps(problem, layout, derivative) for derivative in range(1, order + 1)]
-        parts = _joints_in_parts(layout, joints)
+        parts = _parts(layout, joints)
         if len(parts) == 1:
+            jumps = _jumps_up_to(order, problem, layout, every)
             if not at_limits and _surely_negligible(problem, layout, joints, missed, jumps):
                 continue
-            added = _added(layout, joints, parts[0], missed, jumps)
-            if at_limits or not _is_negligible(added, layout, problem, parts[0]):
+            added = _added(layout, joints, missed, jumps)
+            if at_limits or not _is_negligible(added, layout, problem, every):
                 coefficients = polynomials.plus(coefficients, added)
                 changed = True
             continue
-        every = (_added(layout, joints, some, missed, jumps) for some in parts)
-        negligible = (
-            _is_negligible(added, layout, problem, some)
-            for added, some in zip(every, parts, strict=True)
-        )
-        if at_limits or not all(negligible):
+
+        def corrections(
+            of_joints: list[slice] = parts, order: int = order
+        ) -> Iterator[tuple[slice, slice, Array]]:
+            for some in of_joints:
+                jumps = _jumps_up_to(order, problem, layout, some)
+                for pieces, added in _cancelling(layout, missed[:, some], jumps):
+                    yield some, pieces, added
+
+        if at_limits or not all(
+            _is_negligible(added, layout, problem, some, pieces)
+            for some, pieces, added in corrections()
+        ):
             changed = True
-            if len(coefficients) < 2 * order + 2:
-                coefficients = polynomials.plus(coefficients, np.zeros((2 * order + 2, 1, 1)))
-            for some in parts:
-                lowest = coefficients[-2 * order - 2 :, :, some]
-                lowest += _added(layout, joints, some, missed, jumps)
-                coefficients[-2 * order - 2 :, :, some] = lowest
+            rows = 2 * order + 2
+            if len(coefficients) < rows:
+                coefficients = polynomials.plus(coefficients, np.zeros((rows, 1, 1)))
+            for some, pieces, added in corrections():
+                coefficients[-rows:, pieces, some] += added
     if at_limits:
         before = coefficients
         coefficients = _within_position_limits(problem, layout, coefficients)
@@ -213,12 +228,15 @@ class _Layout:
     after: Indices
     waypoints: Array
 
-    @cached_property
-    def travel(self) -> Array:
-        """Each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`."""
+    def travel(self, some: slice = slice(None)) -> Array:
+        """Each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`.
+
+        Args:
+            some: Which joints.
+        """
         # the position at a piece's start is not its travel
-        motion = self.trajectory
-        units = (motion.pieces(0, some) for some in motion.blocks())
+        motion = _of_joints(self.trajectory, some)
+        units = (motion.pieces(0, block) for block in motion.blocks())
         return np.concatenate([unit[:-1].sum(axis=0) for unit in units])
 
     @cached_property
@@ -252,29 +270,31 @@ class _Layout:
         found[self.first] = False
         return found
 
-    @cached_property
-    def of_segment(self) -> Array:
-        """Duration of each piece's segment, s, `(pieces,)`."""
-        return self.of_pieces(self.lengths[:, 0])
+    def times_of(self, some: slice) -> tuple[Array, Array]:
+        """Return the duration of each piece's segment, and the time from its start to that end, s.
 
-    @cached_property
-    def until_end(self) -> Array:
-        """Time from the start of each piece to the end of its segment, s, `(pieces,)`."""
-        return self.of_segment - self.since_start + self.trajectory.lengths
+        Args:
+            some: Which pieces.
+        """
+        whole = self.of_pieces(self.lengths[:, 0], some)
+        return whole, whole - self.since_start[some] + self.trajectory.lengths[some]
 
     @property
     def displacements(self) -> Array:
         """Displacement of each joint in each segment, rad, `(segments, joints)`."""
         return np.diff(self.waypoints, axis=0)
 
-    @property
-    def origins(self) -> Array:
-        """The first waypoint of each piece's segment, rad, `(pieces, joints)`."""
-        return self.of_pieces(self.waypoints[:-1])
+    def blocks(self) -> Iterator[slice]:
+        """Yield the pieces in blocks, in order; of a short motion all at once."""
+        count = len(self.segment)
+        is_long = count * self.trajectory.joints > _MOST_CELLS
+        size = _BLOCK if is_long else count
+        for first in range(0, count, size):
+            yield slice(first, min(first + size, count))
 
-    def of_pieces(self, of_segments: Array) -> Array:
-        """Repeat values of the segments for each of their pieces."""
-        return of_segments[self.segment]
+    def of_pieces(self, of_segments: Array, some: slice = slice(None)) -> Array:
+        """Repeat values of the segments for each of their pieces, or for some pieces."""
+        return of_segments[self.segment[some]]
 
 
 def _layout(problem: Problem, trajectory: Trajectory, met: Bools) -> _Layout | None:
@@ -316,7 +336,7 @@ def _smoothed(layout: _Layout, jerk_limited: Bools) -> _Layout:
     if jerk_limited.any():
         layout = _integrated(layout, 2, chosen & jerk_limited)
     layout = _integrated(layout, 1, chosen)
-    rate = layout.of_pieces(_missed(layout) / layout.lengths)
+    rate = layout.of_pieces(_missed(layout, layout.travel()) / layout.lengths)
     return _with_added(layout, 1, np.where(chosen, rate, 0.0))
 
 
@@ -340,7 +360,7 @@ def _with_added(layout: _Layout, order: int, added: Array) -> _Layout:
     return replace(layout, trajectory=replace(layout.trajectory, coefficients=own))
 
 
-def _rebased(layout: _Layout, *, anew: bool) -> Array:
+def _rebased(layout: _Layout, *, anew: bool) -> tuple[Array, Array]:
     """Return the coefficients with positions integrated anew from each segment's first waypoint.
 
     Positions then do not jump within a segment; only its end may miss the waypoint.
@@ -348,24 +368,34 @@ def _rebased(layout: _Layout, *, anew: bool) -> Array:
     Args:
         layout: of the segments.
         anew: Whether they are a new array; else the motion's is changed, which is then no motion.
+
+    Returns:
+        The coefficients, and the miss of each segment's last waypoint, rad, `(segments, joints)`.
     """
-    # A piece starts where the pieces before it in its segment end.
-    travel = layout.travel
-    ended = np.cumsum(travel, axis=0)
-    before = ended - travel
-    before_segment = before[layout.first]
-    within = before - layout.of_pieces(before_segment)
+    missed = np.empty_like(layout.displacements)
     coefficients = layout.trajectory.coefficients
     if anew:
         coefficients = np.array(coefficients)
     else:
         coefficients.setflags(write=True)
-    coefficients[-1] = within
-    return coefficients
+    for some in _parts(layout):
+        travel = layout.travel(some)
+        missed[:, some] = _missed(layout, travel, some)
+        # A piece starts where the pieces before it in its segment end.
+        within = np.cumsum(travel, axis=0)
+        within -= travel
+        del travel
+        within -= layout.of_pieces(within[layout.first])
+        coefficients[-1, :, some] = within
+    return coefficients, missed
 
 
-def _cancelling(layout: _Layout, missed: Array, jumps: list[Array]) -> Array:
-    """Return the polynomials that cancel misses and jumps, `(2 order + 2, pieces, joints)`.
+def _cancelling(
+    layout: _Layout, missed: Array, jumps: list[Array]
+) -> Iterator[tuple[slice, Array]]:
+    """Yield the polynomials that cancel misses and jumps, `(2 order + 2, pieces, joints)`.
+
+    A long motion's in blocks of pieces, each with the slice that it is.
 
     Args:
         layout: of the segments.
@@ -374,21 +404,24 @@ def _cancelling(layout: _Layout, missed: Array, jumps: list[Array]) -> Array:
             number is the order.
     """
     order = len(jumps)
-    growing, dying = _jump_corrections(layout, jumps)
     slopes = _slopes(layout, missed)
     unbent = [np.zeros_like(missed)] * 2
     curvatures = unbent if order == 2 else []
     ending, starting = _bent(layout, slopes, *curvatures)
-    blends = missed[..., None] * _BLEND[order]
-    growing += layout.of_pieces(blends + ending)
-    dying += layout.of_pieces(starting)
-    return _in_time(layout, growing, dying, order + 1)
+    of_segments = missed[..., None] * _BLEND[order] + ending
+    for some, growing, dying in _jump_corrections(layout, jumps):
+        growing += layout.of_pieces(of_segments, some)
+        dying += layout.of_pieces(starting, some)
+        yield some, _in_time(layout, growing, dying, order + 1, some)
 
 
-def _missed(layout: _Layout) -> Array:
-    """Return the miss of each segment's last waypoint, rad, `(segments, joints)`."""
-    reached = np.add.reduceat(layout.travel, layout.first)
-    return layout.displacements - reached
+def _missed(layout: _Layout, travel: Array, some: slice = slice(None)) -> Array:
+    """Return the miss of each segment's last waypoint, rad, `(segments, joints)`.
+
+    `travel` is that of the pieces, of some joints.
+    """
+    reached = np.add.reduceat(travel, layout.first)
+    return layout.displacements[:, some] - reached
 
 
 def _slopes(layout: _Layout, missed: Array) -> Array:
@@ -433,10 +466,23 @@ def _bent(layout: _Layout, slopes: Array, *curvatures: Array) -> tuple[Array, Ar
     return _ending(*growing), _ending(*dying)
 
 
-def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -> Array:
-    """Return powers of `σ` and `1 − σ` as powers of the time since each piece's start, s."""
-    length = layout.of_segment
-    left = layout.until_end / length  # 1 − σ at the piece's start
+def _in_time(
+    layout: _Layout,
+    growing: Array,
+    dying: Array,
+    lowest_power: int,
+    some: slice = slice(None),
+) -> Array:
+    """Return powers of `σ` and `1 − σ` as powers of the time since each piece's start, s.
+
+    Args:
+        layout: of the segments.
+        growing, dying: `(pieces, joints, order + 1)`.
+        lowest_power: of both.
+        some: Which pieces these are.
+    """
+    length, until_end = layout.times_of(some)
+    left = until_end / length  # 1 − σ at the piece's start
     elapsed = 1 - left  # σ there
     rate = 1 / length
     of_elapsed = _rows(growing, lowest_power)
@@ -448,27 +494,42 @@ def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -
     return forwards + backwards
 
 
-def _added(
-    layout: _Layout, corrected: Bools, some: Indices, missed: Array, jumps: list[Array]
-) -> Array:
-    """Return the corrections of some of the joints, 0 of those that are not corrected."""
-    added = np.zeros((2 * len(jumps) + 2, len(layout.segment), len(some)))
-    chosen = some[corrected[some]]
-    of_joints = [jump[:, chosen] for jump in jumps]
-    added[..., corrected[some]] = _cancelling(layout, missed[:, chosen], of_joints)
+def _added(layout: _Layout, corrected: Bools, missed: Array, jumps: list[Array]) -> Array:
+    """Return the corrections of all joints, 0 of those that are not corrected."""
+    added = np.zeros((2 * len(jumps) + 2, len(layout.segment), len(corrected)))
+    of_joints = [jump[:, corrected] for jump in jumps]
+    for pieces, own in _cancelling(layout, missed[:, corrected], of_joints):
+        added[:, pieces, corrected] = own
     return added
 
 
-def _joints_in_parts(layout: _Layout, joints: Bools) -> list[Indices]:
-    """Return the joints to correct: all at once, or one by one in a long motion, for memory."""
-    every = np.arange(len(joints))
-    if len(layout.segment) * len(joints) <= _MOST_CELLS:
-        return [every]
-    return [every[joint : joint + 1] for joint in every[joints]]
+def _parts(layout: _Layout, chosen: Bools | None = None) -> list[slice]:
+    """Return all joints at once, or the chosen ones one by one in a long motion, for memory."""
+    joints = layout.trajectory.joints
+    if len(layout.segment) * joints <= _MOST_CELLS:
+        return [slice(0, joints)]
+    every = range(joints) if chosen is None else np.flatnonzero(chosen).tolist()
+    return [slice(joint, joint + 1) for joint in every]
 
 
-def _is_negligible(added: Array, layout: _Layout, problem: Problem, joints: Indices) -> bool:
-    """Return whether a correction of some joints uses no limit, and moves by rounding at most."""
+def _of_joints(motion: Trajectory, some: slice) -> Trajectory:
+    """Return the motion of some joints."""
+    if some.stop is None or some == slice(0, motion.joints):
+        return motion
+    return motion.with_coefficients(motion.coefficients[..., some], motion.waypoint_times)
+
+
+def _is_negligible(
+    added: Array,
+    layout: _Layout,
+    problem: Problem,
+    joints: slice,
+    pieces: slice = slice(None),
+) -> bool:
+    """Return whether a correction uses no limit, and moves by rounding at most.
+
+    It is that of some joints in some pieces.
+    """
     limits = problem.limits.in_all_segments().by_name()
     for name, order in LIMIT_ORDERS.items():
         sizes = np.abs(limits[name][joints])
@@ -476,7 +537,7 @@ def _is_negligible(added: Array, layout: _Layout, problem: Problem, joints: Indi
         if name == "position":
             allowed = problem.rounding[joints]
         derivative = polynomials.derivative(added, order)
-        unit = polynomials.stretched(derivative, layout.trajectory.lengths)
+        unit = polynomials.stretched(derivative, layout.trajectory.lengths[pieces])
         # A polynomial stays within the range of its Bernstein coefficients.
         controls = np.abs(polynomials.bernstein(unit))
         if not (controls <= allowed).all():
@@ -495,7 +556,7 @@ def _surely_negligible(
         first=layout.first,
         lengths=layout.lengths,
         longest=layout.lengths.max(),
-        until_end=layout.until_end[:, None],
+        until_end=layout.times_of(slice(None))[1][:, None],
         rate=np.abs(missed / layout.lengths).max(axis=0)[joints],
         missed=missed[:, joints],
         starting=[own[:-1, joints] for own in jumps],
@@ -575,24 +636,72 @@ def _control_sizes(order: int) -> list[list[float]]:
     return found
 
 
-def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:
-    """Return the powers of `σ` and `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`.
+def _jump_corrections(layout: _Layout, jumps: list[Array]) -> Iterator[tuple[slice, Array, Array]]:
+    """Yield the powers of `σ` and `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`.
 
-    `jumps` has those of velocity, and of acceleration if it may not jump, `(breaks, joints)` each.
+    A long motion's in blocks of pieces. `jumps` has those of velocity, and of acceleration if it
+    may not jump, `(breaks, joints)` each.
+
+    A piece has the dying corrections of the breaks at or before its start, and the growing ones of
+    the breaks after its start, in its own segment: differences of sums over all breaks.
+    """
+    first, after = layout.first, layout.after
+    pieces = list(layout.blocks())
+    breaks = [*pieces[:-1], slice(pieces[-1].start, pieces[-1].stop + 1)]
+    shape = (len(first), jumps[0].shape[1], len(jumps) + 1)
+    before_segment, to_segment_end = np.empty(shape), np.empty(shape)
+    sums = np.zeros((2, *shape[1:]))
+    for some in breaks:
+        each = _at_breaks(layout, jumps, some)
+        starts, ends = (
+            slice(*np.searchsorted(own, (some.start, some.stop))) for own in (first, after)
+        )
+        starting = each[1][first[starts] - some.start]
+        sums = _summed(each, sums)
+        before_segment[starts] = each[1][first[starts] - some.start] - starting
+        to_segment_end[ends] = each[0][after[ends] - some.start]
+    sums = np.zeros_like(sums)
+    for some, own in zip(breaks, pieces, strict=True):
+        if len(breaks) > 1:
+            each = _at_breaks(layout, jumps, some)
+            sums = _summed(each, sums)
+        growing, dying = (summed[: own.stop - own.start] for summed in each)
+        still_growing = layout.of_pieces(to_segment_end, own)
+        still_growing -= growing
+        dying -= layout.of_pieces(before_segment, own)
+        yield own, still_growing, dying
+
+
+def _summed(each: tuple[Array, Array], before: Array) -> Array:
+    """Sum up corrections in place, from the sums before on; return the last sums."""
+    for values, sums in zip(each, before, strict=True):
+        values[0] += sums
+        np.cumsum(values, axis=0, out=values)
+    return np.stack([values[-1] for values in each])
+
+
+def _at_breaks(layout: _Layout, jumps: list[Array], some: slice) -> tuple[Array, Array]:
+    """Return the growing and the dying corrections of some breaks; of each break one is 0.
+
+    As powers of `σ` and of `1 − σ`, `(breaks, joints, order + 1)` each.
     """
     order = len(jumps)
+    last = len(layout.segment)
     # A correction lives on the longer side of its break: there it costs least acceleration. The
     # time on both sides is that within the break's segment; there is none outside the motion.
-    time_before = np.insert(layout.since_start, 0, -1.0)
-    time_after = np.append(layout.until_end, -1.0)
+    after = slice(some.start, min(some.stop, last))
+    before = slice(max(some.start - 1, 0), some.stop - 1)
+    length_after, time_after = layout.times_of(after)
+    length_before = layout.of_pieces(layout.lengths[:, 0], before)
+    time_before = layout.since_start[before]
+    if some.start == 0:
+        time_before, length_before = np.append(-1.0, time_before), np.append(np.inf, length_before)
+    if some.stop > last:
+        time_after, length_after = np.append(time_after, -1.0), np.append(length_after, np.inf)
     dies = time_after > time_before
     time = np.where(dies, time_after, time_before)
     # The longer side's time as a share of the segment.
-    length = layout.of_segment
-    length_after = np.append(length, np.inf)
-    length_before = np.insert(length, 0, np.inf)
-    segment_length = np.where(dies, length_after, length_before)
-    share = time / segment_length
+    share = time / np.where(dies, length_after, length_before)
 
     # The derivatives that the correction has at the break, in units of its time. A growing one adds
     # the jump before the break, a dying one subtracts it after the break.
@@ -600,45 +709,48 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     unit = sign * time[:, None]
     slopes = []
     for derivative, jump in enumerate(jumps, start=1):
-        cancelled = sign * jump
+        cancelled = sign * jump[some]
         slope = cancelled * unit**derivative
         slopes.append(slope)
     # x^(r+1) … x^(2r+1), in x = σ / share.
     lowest_power = order + 1
     powers = np.arange(lowest_power, lowest_power + order + 1)
-    scale = share[:, None, None] ** -powers
-    coefficients = _ending(*slopes) * scale
-    dying = np.where(dies[:, None, None], coefficients, 0.0)
-    growing = coefficients - dying
-
-    # A piece has the dying corrections of the breaks at or before its start, and the growing ones
-    # of the breaks after its start, in its own segment: differences of sums over all breaks.
-    died = np.cumsum(dying, axis=0)
-    grown = np.cumsum(growing, axis=0)
-    before = died - dying
-    to_segment_end = grown[layout.after]
-    before_segment = before[layout.first]
-    still_growing = layout.of_pieces(to_segment_end) - grown[:-1]
-    still_dying = died[:-1] - layout.of_pieces(before_segment)
-    return still_growing, still_dying
+    growing = _ending(*slopes) * share[:, None, None] ** -powers
+    dying = np.where(dies[:, None, None], growing, 0.0)
+    growing -= dying
+    return growing, dying
 
 
-def _jumps(problem: Problem, layout: _Layout, order: int) -> Array:
-    """Return the jumps of a derivative at every break, `(breaks, joints)`.
+def _jumps_up_to(order: int, problem: Problem, layout: _Layout, some: slice) -> list[Array]:
+    """Return the jumps of the derivatives from 1 to an order, of some joints."""
+    return [_jumps(problem, layout, own, some) for own in range(1, order + 1)]
+
+
+def _jumps(problem: Problem, layout: _Layout, order: int, some: slice) -> Array:
+    """Return the jumps of a derivative of some joints at every break, `(breaks, joints)`.
 
     Before and after the motion the robot is in the states that are asked. Before a closed motion it
     is in the state of the motion's end. Jumps within brief segments are rounding of the integration
     and count as zero.
     """
-    starts, stops = layout.trajectory.ends(order)
+    motion = _of_joints(layout.trajectory, some)
     route = problem.route
+    before = route.start[order - 1][some]
+    blocks = list(motion.blocks())
     if "closed" in route.demands:  # the start takes the state of the end
-        after = np.concatenate([starts, stops[-1:]])
-        before = np.concatenate([stops[-1:], stops])
-        return np.where(layout.within_brief[:, None], 0.0, after - before)
-    after = np.concatenate([starts, route.end[order - 1][None]])
-    before = np.concatenate([route.start[order - 1][None], stops])
-    return np.where(layout.within_brief[:, None], 0.0, after - before)
+        before = motion.pieces(order, blocks[-1]).sum(axis=0)[-1]
+    jumps = np.empty((len(motion.breaks), motion.joints))
+    for pieces in blocks:
+        unit = motion.pieces(order, pieces)
+        own = jumps[pieces]
+        own[...] = unit[-1]
+        stops = unit.sum(axis=0)
+        own[0] -= before
+        own[1:] -= stops[:-1]
+        before = stops[-1]
+    jumps[-1] = 0.0 if "closed" in route.demands else route.end[order - 1][some] - before
+    jumps[layout.within_brief] = 0.0
+    return jumps
 
 
 # From 0 to 1 with one, or two, derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
@@ -818,15 +930,13 @@ def _needed_share(
 ) -> Array:
     """Return the share `λ` of the resting motion that each joint still needs, `(joints,)`."""
     needed = np.zeros(problem.joints)
-    for some in _joints_in_parts(layout, np.ones(problem.joints, dtype=bool)):
-        whole = len(some) == problem.joints
-        own = mixed if whole else mixed[..., some]
-        needed[some] = _needed_by(some, problem, layout, own, side, allowed_excess)
+    for some in _parts(layout):
+        needed[some] = _needed_by(some, problem, layout, mixed[..., some], side, allowed_excess)
     return np.clip(needed, 0.0, 1.0)
 
 
 def _needed_by(
-    some: Indices,
+    some: slice,
     problem: Problem,
     layout: _Layout,
     mixed: Array,
@@ -836,34 +946,40 @@ def _needed_by(
     """Return the share that some joints need, whose motion is `mixed`."""
     lengths = layout.trajectory.lengths
     low, high = problem.limits.position[some].T
-    origins = layout.of_pieces(layout.waypoints[:-1, some])
-    lowest = low - origins
-    highest = high - origins
-    unit = polynomials.stretched(mixed, lengths)
+    first = layout.waypoints[:-1, some]
+    blocks = list(layout.blocks())
+    units = (polynomials.stretched(mixed[:, own], lengths[own]) for own in blocks)
     # The rounding of the whole segment counts: a piece starts where the pieces before it end.
-    of_each = polynomials.evaluation_rounding(unit)
+    of_each = np.concatenate([polynomials.evaluation_rounding(unit) for unit in units])
     largest = np.maximum.reduceat(of_each, layout.first)
-    segment_rounding = np.maximum(largest, allowed_excess[:, some])
-    rounding = layout.of_pieces(segment_rounding)
-    controls = polynomials.bernstein(unit)
-    above = controls.max(axis=0) > highest + rounding
-    below = controls.min(axis=0) < lowest - rounding
-    needed = np.zeros(len(some))
-    may_leave = above | below
+    rounding = np.maximum(largest, allowed_excess[:, some])
+    may_leave = np.empty(mixed.shape[1:], dtype=bool)
+    for own in blocks:
+        controls = polynomials.bernstein(polynomials.stretched(mixed[:, own], lengths[own]))
+        beyond = layout.of_pieces(rounding, own)
+        origins = layout.of_pieces(first, own)
+        above = controls.max(axis=0) > high - origins + beyond
+        below = controls.min(axis=0) < low - origins - beyond
+        may_leave[own] = above | below
+    needed = np.zeros(mixed.shape[2])
     if not may_leave.any():
         return needed
     where = np.nonzero(may_leave)
     pieces, joints = where
+    origins = layout.of_pieces(first)[where]
+    lowest, highest = low[joints] - origins, high[joints] - origins
+    allowed = layout.of_pieces(rounding)[where]
+    unit = polynomials.stretched(mixed, lengths)
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
     values = polynomials.evaluate(candidates[:, None], points)
     resting = _resting(problem, layout, side)
     unit_rest = polynomials.stretched(resting, lengths)
-    rest = unit_rest[:, pieces, some[joints]]
+    rest = unit_rest[:, pieces, some.start + joints]
     at_rest = polynomials.evaluate(rest[:, None], points)
-    inside = np.clip(values, lowest[where], highest[where])
+    inside = np.clip(values, lowest, highest)
     beyond = values - inside
-    outside = np.abs(beyond) > rounding[where]
+    outside = np.abs(beyond) > allowed
     # (1 − share) value + share at_rest = inside
     ratio = beyond / (values - at_rest)
     share = np.where(outside, ratio, 0.0)

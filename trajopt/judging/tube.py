@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.judging.tube_proof import Limit, TubeProof, bound
 
 if TYPE_CHECKING:
@@ -204,34 +204,25 @@ def _resolved(program: _Program) -> Array:
 
 def _solved(program: _Program, breaks: Array) -> TubeAnswer:
     """Return the answer of the program with these knots."""
-    from scipy.interpolate import BSpline
-    from scipy.sparse import csr_array, vstack
-
     times, half, limits = program.times, program.half, program.limits
     r = len(limits)
     knots = np.concatenate([[breaks[0]] * r, breaks, [breaks[-1]] * r])
     base = program.positions.mean()
     local = program.positions - base
-    levels = _levels(knots, r)
-    blocks = [csr_array(BSpline.design_matrix(times, knots, r)) * (1 / half)[:, None]]
     known = local / half
     count = len(known)
-    up, down = [np.zeros(count)], [np.zeros(count)]
     used = [order for order, (_, high) in enumerate(limits, start=1) if np.isfinite(high)]
-    bounds = {order: program.bounds(order, levels[order - 1][1]) for order in used}
-    for order, (lowest, highest) in bounds.items():
-        blocks.append(levels[order - 1][0] * (1 / highest)[:, None])
-        up.append(np.ones(len(highest)))
-        down.append(-lowest / highest)
-    matrix = vstack(blocks).tocsr()
-    column = np.arange(matrix.shape[1])
+    column = np.arange(len(knots) - r - 1)
     if program.rest:  # the first r coefficients are equal, and the last r
         column = np.clip(column, r - 1, len(column) - r) - (r - 1)
-        shape = (len(column), column[-1] + 1)
-        ones = np.ones(len(column))
-        matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
+    matrix, points, bounds = _matrix(program, knots, column, used)
+    up, down = [np.zeros(count)], [np.zeros(count)]
+    for lowest, highest in bounds.values():
+        up.append(np.ones(len(highest)))
+        down.append(-lowest / highest)
     filled = np.diff(matrix.indptr) > 0  # equal coefficients have an empty row of differences
-    rows = _Rows(matrix[filled])
+    rows = _Rows(matrix if filled.all() else matrix[filled])
+    del matrix
     upper, lower = np.concatenate(up)[filled], np.concatenate(down)[filled]
     limited = upper > 0
     if not limited.any():
@@ -251,13 +242,13 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
     high = float(np.max(np.maximum(values[limited], -values[limited] / lower[limited])))
     if not np.abs(values[:count] - known).max() <= 1 + rows.rounding(x):
         high = np.inf  # the method stopped outside the tube
-    derivatives = [(points, np.zeros(len(points))) for _, points in levels[:-1]]
+    del rows, right, values
+    derivatives = [(own, np.zeros(len(own))) for own in points[:-1]]
     place = count
     for order in used[:-1]:
-        points = derivatives[order - 1][0]
-        own = y[place : place + len(points)] / bounds[order][1]
-        derivatives[order - 1] = (points, own)
-        place += len(points)
+        at = points[order - 1]
+        derivatives[order - 1] = (at, y[place : place + len(at)] / bounds[order][1])
+        place += len(at)
     whole = TubeProof(
         limits,
         times,
@@ -270,6 +261,41 @@ def _solved(program: _Program, breaks: Array) -> TubeAnswer:
     )
     low, proof = _best_proof(whole)
     return TubeAnswer(low, high, r, knots, x[column] + base, proof)
+
+
+def _matrix(
+    program: _Program, knots: Array, column: Indices, used: Sequence[int]
+) -> tuple[Any, list[Array], dict[int, tuple[Array, Array]]]:
+    """Return the rows of positions and of limited derivatives, over half widths and limits.
+
+    Args:
+        program: The program.
+        knots: Of the spline.
+        column: The unknown of each of its coefficients.
+        used: Orders of the derivatives that are limited.
+
+    Returns:
+        The matrix; the Greville points of each derivative; the limits of those that are limited.
+    """
+    from scipy.interpolate import BSpline
+    from scipy.sparse import csr_array, vstack
+
+    r = len(program.limits)
+    levels = _levels(knots, r)
+    points = [own for _, own in levels]
+    bounds = {order: program.bounds(order, points[order - 1]) for order in used}
+    design = csr_array(BSpline.design_matrix(program.times, knots, r))
+    blocks = [design * (1 / program.half)[:, None]]
+    for order in used:
+        blocks.append(levels[order - 1][0] * (1 / bounds[order][1])[:, None])
+    del design, levels  # a log's are as large as the matrix
+    matrix = vstack(blocks).tocsr()
+    del blocks
+    if program.rest:
+        shape = (len(column), column[-1] + 1)
+        ones = np.ones(len(column))
+        matrix = (matrix @ csr_array((ones, (np.arange(len(column)), column)), shape=shape)).tocsr()
+    return matrix, points, bounds
 
 
 def _best_proof(whole: TubeProof) -> tuple[float, TubeProof | None]:
@@ -344,7 +370,6 @@ class _Rows:
 
     Attributes:
         matrix: M.
-        sizes: Absolute values of its entries.
     """
 
     def __init__(self, matrix: Any) -> None:
@@ -352,8 +377,6 @@ class _Rows:
 
         self.matrix = csr_array(matrix)
         self.matrix.sort_indices()
-        self._turned = csr_array(self.matrix.T)
-        self.sizes = abs(self.matrix)
         count = np.diff(self.matrix.indptr)
         self._width = int(count.max())
         self._columns = self.matrix.shape[1]
@@ -364,40 +387,45 @@ class _Rows:
         dense[self.matrix.indices - first[row], row] = self.matrix.data
         self._order = np.argsort(first, kind="stable")
         self._unique, self._starts = np.unique(first[self._order], return_index=True)
-        self._products = []
-        for i in range(self._width):
-            for j in range(i, self._width):
-                self._products.append((i, j, (dense[i] * dense[j])[self._order]))
+        self._dense = dense[:, self._order]
 
     def forth(self, x: Array) -> Array:
         """Return `[M; −M] x`."""
-        found = self.matrix @ x
-        return np.concatenate([found, -found])
+        found = np.empty((2, self.matrix.shape[0]))
+        found[0] = self.matrix @ x
+        np.negative(found[0], out=found[1])
+        return found.ravel()
 
     def back(self, y: Array) -> Array:
         """Return `[M; −M]ᵀ y`."""
         half = len(y) // 2
-        found: Array = self._turned @ (y[:half] - y[half:])
+        found: Array = self.matrix.T @ (y[:half] - y[half:])
         return found
 
     def rounding(self, x: Array) -> float:
         """Return the allowed error of a row of `M x`: its rounding and `_TUBE_RTOL`."""
-        return _TUBE_RTOL + 1e-15 * float((self.sizes @ np.abs(x)).max())
+        from scipy.sparse import csr_array
+
+        own = self.matrix
+        sizes = csr_array((np.abs(own.data), own.indices, own.indptr), shape=own.shape)
+        return _TUBE_RTOL + 1e-15 * float((sizes @ np.abs(x)).max())
 
     def fitted(self, count: int, values: Array, weights: Array) -> Array:
         """Return the weighted least-squares solution of `M x = values` in the first rows."""
         from scipy.linalg import cho_solve_banded, cholesky_banded
 
         factor = (cholesky_banded(self.normal(weights), lower=True), True)
-        found: Array = cho_solve_banded(factor, self._turned[:, :count] @ values)
+        found: Array = cho_solve_banded(factor, self.matrix[:count].T @ values)
         return found
 
     def normal(self, weights: Array) -> Array:
         """Return the lower band of `Mᵀ diag(weights) M`."""
         own = weights[self._order]
         band = np.zeros((self._width, self._columns))
-        for i, j, product in self._products:
-            band[j - i, self._unique + i] += np.add.reduceat(product * own, self._starts)
+        for i in range(self._width):
+            for j in range(i, self._width):
+                products = self._dense[i] * self._dense[j] * own
+                band[j - i, self._unique + i] += np.add.reduceat(products, self._starts)
         band[0] += 1e-14 * band[0].max()
         return band
 
@@ -448,12 +476,22 @@ class _Newton:
         from scipy.linalg import cho_solve_banded
 
         column, solved, corner = self._border
-        scaled = (complement - self.y * self.primal) / self.w
+        scaled = self._corrected(complement, self.primal)
         inner = cho_solve_banded(self._factor, self.dual - self.rows.back(scaled))
         ds = (self.dual_s - _dot(self.u, scaled) - _dot(column, inner)) / corner
+        del scaled
         dx = inner + solved * ds
-        dw = self.primal - self.rows.forth(dx) + ds * self.u
-        return dx, ds, dw, (complement - self.y * dw) / self.w
+        dw = self.rows.forth(dx)
+        np.subtract(self.primal, dw, out=dw)
+        dw += ds * self.u
+        return dx, ds, dw, self._corrected(complement, dw)
+
+    def _corrected(self, complement: Array, slack: Array) -> Array:
+        """Return `(complement − y slack) / w`, in one array: a log has millions of rows."""
+        found = self.y * slack
+        np.subtract(complement, found, out=found)
+        found /= self.w
+        return found
 
 
 def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, Array]:
@@ -471,7 +509,10 @@ def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, A
     short = 0
     rounding = np.inf
     for iteration in range(_MAX_ITERATIONS):
-        primal = b - rows.forth(x) + s * u - w
+        primal = rows.forth(x)
+        np.subtract(b, primal, out=primal)
+        primal += s * u
+        primal -= w
         system = _Newton(rows, u, w, y, primal, -rows.back(y), 1 - _dot(u, y))
         mu = _dot(w, y) / size
         if iteration % 8 == 0:
@@ -483,11 +524,24 @@ def _interior_point(rows: _Rows, b: Array, u: Array, x: Array) -> tuple[Array, A
             _, _, dw, dy = system.direction(-w * y)
         except (np.linalg.LinAlgError, ValueError):  # not positive definite, or overflows
             break
-        affine = _dot(w + _longest(w, dw) * dw, y + _longest(y, dy) * dy) / size
-        dx, ds, dw, dy = system.direction((affine / mu) ** 3 * mu - w * y - dw * dy)
+        products = dw * dy
+        dw *= _longest(w, dw)
+        dw += w
+        dy *= _longest(y, dy)
+        dy += y
+        affine = _dot(dw, dy) / size
+        del dw, dy
+        target = (affine / mu) ** 3 * mu - w * y
+        target -= products
+        del products
+        dx, ds, dw, dy = system.direction(target)
         along, across = 0.995 * _longest(w, dw), 0.995 * _longest(y, dy)
         short = short + 1 if max(along, across) < 0.02 else 0
-        x, s, w, y = x + along * dx, s + along * ds, w + along * dw, y + across * dy
+        dw *= along
+        dw += w
+        dy *= across
+        dy += y
+        x, s, w, y = x + along * dx, s + along * ds, dw, dy
     return x, y[: size // 2] - y[size // 2 :]
 
 

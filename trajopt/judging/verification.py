@@ -7,7 +7,7 @@ computes its own worst use (`trajopt.core.limits`); this module names no kind of
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -805,31 +805,54 @@ def _worst_jump(
     If `at_rest`, the robot is at its first and last waypoint before and after the motion, in the
     states that the route demands. A closed motion is continued by itself.
     """
-    jumps = _jumps(problem, trajectory, order, at_rest)
-    return worst_of(jumps, allowed, trajectory.breaks, order)
+    return _worst_in(_jumps_in_blocks(problem, trajectory, order, at_rest), allowed, order)
 
 
 def _jumps(problem: Problem, trajectory: Trajectory, order: int, at_rest: bool) -> Array:
     """Return the jumps of a derivative at the breaks, `(breaks, joints)`; see `_worst_jump`."""
+    blocks = _jumps_in_blocks(problem, trajectory, order, at_rest)
+    return np.concatenate([jumps for jumps, _ in blocks])
+
+
+def _jumps_in_blocks(
+    problem: Problem, trajectory: Trajectory, order: int, at_rest: bool
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the jumps at the breaks, `(breaks, joints)`, with their times; see `_worst_jump`."""
     route = problem.route
-    still = problem.waypoints[[0, -1]]
+    first, last = problem.waypoints[[0, -1]]
     if order > 0:
-        still = np.array([route.start[order - 1], route.end[order - 1]])
-    starts, stops = trajectory.ends(order)
+        first, last = route.start[order - 1], route.end[order - 1]
+    blocks = list(trajectory.blocks())
+    start = trajectory.pieces(order, blocks[0])[-1, 0]
+    stop = trajectory.pieces(order, blocks[-1]).sum(axis=0)[-1]
     if order > 0 and "closed" in route.demands:
-        still = np.array([stops[-1], starts[0]])
+        first, last = stop, start
     if not at_rest:
-        still = np.vstack([starts[:1], stops[-1:]])
-    before = np.vstack([still[:1], stops])
-    after = np.vstack([starts, still[1:]])
-    return np.abs(after - before)
+        first, last = start, stop
+    before = first[None]
+    for some in blocks:
+        unit = trajectory.pieces(order, some)
+        stops = np.concatenate([before, unit.sum(axis=0)])
+        before = stops[-1:]
+        yield np.abs(unit[-1] - stops[:-1]), trajectory.breaks[some]
+    yield np.abs(last - before), trajectory.breaks[-1:]
 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """Return the largest rounding of a joint's position, and its ratio to the allowed one."""
-    units = (trajectory.pieces(0, some) for some in trajectory.blocks())
-    rounding = np.concatenate([polynomials.evaluation_rounding(unit) for unit in units])
-    return worst_of(rounding, allowed, trajectory.breaks)
+    blurs = (
+        (polynomials.evaluation_rounding(trajectory.pieces(0, some)), trajectory.breaks[some])
+        for some in trajectory.blocks()
+    )
+    return _worst_in(blurs, allowed)
+
+
+def _worst_in(
+    blocks: Iterable[tuple[Array, Array]], allowed: Array, order: int = 0
+) -> tuple[Worst, float]:
+    """Return what `worst_of` does, of errors and their times in blocks: the first of the worst."""
+    each = [worst_of(errors, allowed, times, order) for errors, times in blocks]
+    return max(each, key=lambda own: (own[1], np.isnan(own[0].value)))
 
 
 def worst_of(errors: Array, allowed: Array, times: Array, order: int = 0) -> tuple[Worst, float]:
