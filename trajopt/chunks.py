@@ -256,7 +256,7 @@ def from_samples(
         "end_velocity": end_velocity,
         "end_acceleration": end_acceleration,
     }
-    stated = {key: own for key, own in states.items() if own is not None}
+    stated = {key: state for key, state in states.items() if state is not None}
     near = {"tolerance": tolerance} if len(places) > 2 else {}
     problem = Problem(
         places,
@@ -317,7 +317,9 @@ def take_over(
     when = min(max(at, 0.0), running.duration)
     place, velocity, acceleration = (running(when, order) for order in range(3))
     jerky = limits.jerk_limited
-    fastest, steepest = (np.abs(own).min(axis=1) for own in (limits.velocity, limits.acceleration))
+    fastest, steepest = (
+        np.abs(pairs).min(axis=1) for pairs in (limits.velocity, limits.acceleration)
+    )
     states = {
         # the rounding of a motion at rest is no velocity
         "start_velocity": np.where(np.abs(velocity) > _STILL_RTOL * fastest, velocity, 0.0),
@@ -325,7 +327,7 @@ def take_over(
             jerky & (np.abs(acceleration) > _STILL_RTOL * steepest), acceleration, 0.0
         ),
     }
-    moving: dict[str, Any] = {key: own for key, own in states.items() if own.any()}
+    moving: dict[str, Any] = {key: state for key, state in states.items() if state.any()}
     chunk = from_samples(targets, limits, start=place, **moving, **keywords)
     planner: object = QUICK if jerky.any() else _BOUNDED_PLANNER
     return answers([chunk], mode, planner, patient=False)[0]
@@ -360,18 +362,18 @@ def answers(
     by_limits = _PLANNER, QUICK if quick else _JERK_PLANNER
     for name in by_limits if planner is None else (planner,):
         jerky = name is by_limits[1]
-        own = [
+        places = [
             i
             for i, problem in enumerate(problems)
             if planner is not None or problem.has("jerk") == jerky
         ]
-        some = [problems[i] for i in own]
+        some = [problems[i] for i in places]
         trials = (
             _planned(name, some)
             if timeout is None or name != _JERK_PLANNER
             else _stopped(name, some, timeout)
         )
-        for i, trial in zip(own, trials, strict=True):
+        for i, trial in zip(places, trials, strict=True):
             found[i] = trial
     return [
         _better(chunk, mode, problem, trial, patient=patient)
@@ -387,18 +389,18 @@ def _planned(planner: object, problems: Sequence[Problem]) -> list[Trial]:
     """
     if not problems:
         return []
-    own = Configuration.given(planner)
+    configuration = Configuration.given(planner)
     started = now()
     known = _as_known(planner, problems)
     every: list[Answers] = []
     if len(problems) > 1:
         try:
-            every = answered_many(own.planner, known, [0] * len(known))
+            every = answered_many(configuration.planner, known, [0] * len(known))
         except Exception:  # whatever a planner raises: which of them it failed on is not known
             every = []
-    every = every or [answered(own.planner, problem, [0]) for problem in known]
+    every = every or [answered(configuration.planner, problem, [0]) for problem in known]
     return [
-        judged(own.entrant, problem, [0], found, started)[0]
+        judged(configuration.entrant, problem, [0], found, started)[0]
         for problem, found in zip(problems, every, strict=True)
     ]
 
@@ -412,13 +414,13 @@ def _stopped(planner: object, problems: Sequence[Problem], seconds: float) -> li
     known = _as_known(planner, problems)
     with closing(Supervised(planner, known[0], timeout=seconds)) as chosen:
         found = [chosen.trials(problem, [0])[0] for problem in known]
-    return [_judged_on(problem, own) for problem, own in zip(problems, found, strict=True)]
+    return [_judged_on(problem, trial) for problem, trial in zip(problems, found, strict=True)]
 
 
 def _as_known(planner: object, problems: Sequence[Problem]) -> list[Problem]:
     """Return problems without the limits that a planner does not know."""
-    own = Configuration.given(planner).planner
-    return [problem.without(*own.unknown(problem)) for problem in problems]
+    chosen = Configuration.given(planner).planner
+    return [problem.without(*chosen.unknown(problem)) for problem in problems]
 
 
 def _better(
@@ -433,10 +435,10 @@ def _better(
     planned = trial.certified_duration
     motion = chunk.spline.motion(problem, planned)
     if motion is not None and (planned is None or motion.duration <= planned * (1 + _SAME_RTOL)):
-        own = Configuration.of(chunk.spline, _SPLINE, _SPLINE)
+        configuration = Configuration.of(chunk.spline, _SPLINE, _SPLINE)
         solution = Solution(Status.SOLVED, motion, trial.message if planned is None else "")
         found = Answers([solution], Relation.RESTRICTION, wall_time=trial.solve_time)
-        trial = judged(own.entrant, problem, [0], found, trial.started)[0]
+        trial = judged(configuration.entrant, problem, [0], found, trial.started)[0]
     elif planned is None and trial.status is not Status.INFEASIBLE and patient:
         trial = best(problem, 0).trial
     return ChunkAnswer(chunk, mode, trial)
@@ -519,7 +521,7 @@ class DilatedSpline(Planner):
         if not problem.has("jerk"):
             cubic = CubicSpline(times, problem.waypoints, bc_type=((1, begins[0]), (1, ends[0])))
             return Trajectory(times, cubic.c, times)
-        rules = tuple([(1, own[0]), (2, own[1])] for own in (begins, ends))
+        rules = tuple([(1, state[0]), (2, state[1])] for state in (begins, ends))
         quintic = make_interp_spline(times, problem.waypoints, k=5, bc_type=rules)
         taylor = [quintic(times[:-1], order) / factorial(order) for order in range(5, -1, -1)]
         return Trajectory(times, np.array(taylor), times)

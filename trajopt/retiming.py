@@ -82,9 +82,9 @@ class GivenPath(Planner):
             said.append(found.message)
             stats |= found.stats
         motion = dwell.joined(problem, motions) if len(motions) > 1 else motions[0]
-        own = certified(problem, self.path)
-        if own is not None and own.duration < motion.duration:
-            motion = own
+        as_given = certified(problem, self.path)
+        if as_given is not None and as_given.duration < motion.duration:
+            motion = as_given
         return Solution(Status.SOLVED, motion, "; ".join(filter(None, said)), stats=stats)
 
     def options(self) -> dict[str, Any]:
@@ -179,8 +179,10 @@ class Retiming:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
         found = []
         for (joint, limit, start, end), share in self.held:
-            own = None if joint is None else joint + 1
-            found.append({"joint": own, "limit": limit, "share": share, "from": start, "to": end})
+            number = None if joint is None else joint + 1
+            found.append(
+                {"joint": number, "limit": limit, "share": share, "from": start, "to": end}
+            )
         return {
             "path": self.name,
             "given_duration": self.given_duration,
@@ -248,16 +250,21 @@ def retime(
         known = zip(asked.joint_labels, asked.joint_units, strict=False)
         units = dict(known) or dict.fromkeys(names, "rad")
     given = motion_of(path, interpolation, unit, units).for_joints(names)
-    own = given.trajectory
+    trajectory = given.trajectory
     if isinstance(asked, Problem):
         given.check_units(asked)
-        return along(given.name, passing(asked, own), asked, planner, own.duration)
-    if isinstance(path, Trajectory) and (np.ptp(own(own.waypoint_times), axis=0) > 0).any():
-        problem = Problem(own(own.waypoint_times), asked, name=given.name, **demands)
-        return along(given.name, own, problem, planner, own.duration)
-    states = {key: np.asarray(own, dtype=float) for key, own in demands.items() if key in DEMANDS}
+        return along(given.name, passing(asked, trajectory), asked, planner, trajectory.duration)
+    if (
+        isinstance(path, Trajectory)
+        and (np.ptp(trajectory(trajectory.waypoint_times), axis=0) > 0).any()
+    ):
+        problem = Problem(trajectory(trajectory.waypoint_times), asked, name=given.name, **demands)
+        return along(given.name, trajectory, problem, planner, trajectory.duration)
+    states = {
+        key: np.asarray(values, dtype=float) for key, values in demands.items() if key in DEMANDS
+    }
     problem = as_executed(given, asked, ends=states).problem
-    return along(given.name, passing(problem, own), problem, planner, own.duration)
+    return along(given.name, passing(problem, trajectory), problem, planner, trajectory.duration)
 
 
 def along(
@@ -283,8 +290,8 @@ def along(
         low, high = problem.limits.position.T
         moved = np.clip(passed, low, high)
         problem = replace(problem, waypoints=moved, name=f"{problem.name}, as passed")
-    own = GivenPath(path, planner or load(_PLANNER))
-    (trial,) = trials_of(own, problem, [0], "retime")
+    timed = GivenPath(path, planner or load(_PLANNER))
+    (trial,) = trials_of(timed, problem, [0], "retime")
     given = None if given_duration is None else certified(problem, path)
     within = None if given is None else given.duration
     return Retiming(name, trial, path, given_duration, within, misses)
@@ -309,4 +316,4 @@ def through(problem: Problem, planner: Planner | None = None) -> Retiming:
 
 def _is_spline(path: object) -> bool:
     """Return whether it is a piecewise polynomial of SciPy."""
-    return any(hasattr(path, own) for own in ("breaks", "x", "tck", "t")) and callable(path)
+    return any(hasattr(path, name) for name in ("breaks", "x", "tck", "t")) and callable(path)

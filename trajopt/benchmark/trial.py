@@ -274,19 +274,19 @@ class Configuration:
         Raises:
             InvalidInput: for what is no planner, or may have options that nobody sees.
         """
-        own = adapted(planner)
-        check_visible(own)
-        name = harmless(name or type(own).__name__, lines=False)
+        ours = adapted(planner)
+        check_visible(ours)
+        name = harmless(name or type(ours).__name__, lines=False)
         check_length("planner", name)
         options = {
             key: plain(value, f"planner {name}, option {key}")
-            for key, value in own.options().items()
+            for key, value in ours.options().items()
         }
-        shown = harmless(shown or label(name, own), lines=False)
+        shown = harmless(shown or label(name, ours), lines=False)
         if len(shown) > MAX_LABEL:
             right = f"options that are said in at most {MAX_LABEL} characters"
             raise InvalidInput("planner", right, value=shortened(shown, 60))
-        return cls(own, Entrant(name, shown, options, code_of(own)))
+        return cls(ours, Entrant(name, shown, options, code_of(ours)))
 
     @classmethod
     def given(cls, planner: object) -> Configuration:
@@ -302,20 +302,22 @@ class Configuration:
             name, loaded = named(planner)
             return cls.of(loaded, name)
         if isinstance(planner, tuple):
-            name, own = planner
-            found = cls.of(own, name, "" if name in entries() else name)
+            name, unnamed = planner
+            found = cls.of(unnamed, name, "" if name in entries() else name)
         else:
             found = cls.of(planner)
         _check_name(found)
         return found
 
 
-def _check_name(own: Configuration) -> None:
+def _check_name(configuration: Configuration) -> None:
     """Refuse the name of a registered planner for another one, also with options after it."""
-    name = own.entrant.name
+    name = configuration.entrant.name
     registered = name.partition(":")[0]
     entry = entries().get(registered)
-    if entry is not None and (name != registered or type(entry.load()) is not type(own.planner)):
+    if entry is not None and (
+        name != registered or type(entry.load()) is not type(configuration.planner)
+    ):
         right = f"a name of its own: {registered!r} is a registered planner"
         raise InvalidInput("planner", right, value=name)
 
@@ -439,12 +441,16 @@ class Exchange(NamedTuple):
 
 def judged_many(every: Sequence[Exchange], started: str) -> list[Trial]:
     """Return the judged trials of all answers, one after the other; they are verified together."""
-    pairs = [(own.problem, solution) for own in every for solution in own.answers.solutions]
+    pairs = [
+        (question.problem, solution)
+        for question in every
+        for solution in question.answers.solutions
+    ]
     found = iter(verdicts(pairs))
     return [
         trial
-        for own in every
-        for trial in _trials(own, started, islice(found, len(own.answers.solutions)))
+        for question in every
+        for trial in _trials(question, started, islice(found, len(question.answers.solutions)))
     ]
 
 
@@ -519,7 +525,7 @@ def copied(problem: Problem) -> Problem:
 def frozen(problem: Problem) -> Problem:
     """Return the problem, whose arrays can then only be read: a copy, or one from a pickle."""
     arrays = [problem.waypoints]
-    arrays += [own.numbers for own in problem.limits.kinds.values()]
+    arrays += [limit.numbers for limit in problem.limits.kinds.values()]
     arrays += problem.limits.by_name().values()
     for array in arrays:
         array.setflags(write=False)

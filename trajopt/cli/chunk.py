@@ -125,20 +125,20 @@ def chunk(
     if from_ is not None and at is not None:
         running = starting.hand_over(from_, at, robot.unit)
     states = _States(running, numbers, on_to_next)
-    own = asked.robot_limits(path.name, robot)
+    arm = asked.robot_limits(path.name, robot)
     with kinds.reading(path, "targets"):
-        units = {**dict.fromkeys(own.joints, ""), **own.units}
+        units = {**dict.fromkeys(arm.joints, ""), **arm.units}
         parts = episodes.read(path, robot.unit, units, rate=rate, size=size)
     targets = [out and _file_of(out, part, len(parts)) for part in parts]
     for target in targets:
         if target is not None:
             check_target(target, force=force)
-    asked.note_factors(own, robot)
-    chunks = [_chunk(part, own, robot, tolerance, parts, states) for part in parts]
+    asked.note_factors(arm, robot)
+    chunks = [_chunk(part, arm, robot, tolerance, parts, states) for part in parts]
     sampled = out is not None and Target(out, cycle, points).executed
     with console.waiting(f"planning {len(parts)} chunks" if len(parts) > 1 else "planning"):
-        asked_for = [own for own in chunks if isinstance(own, Chunk)]
-        planned = [_for_cycles(own, cycle) for own in asked_for] if sampled else asked_for
+        asked_for = [chunk for chunk in chunks if isinstance(chunk, Chunk)]
+        planned = [_for_cycles(chunk, cycle) for chunk in asked_for] if sampled else asked_for
         found = iter(answers(planned, mode, timeout=timeout, quick=quick))
     told: list[dict[str, Any]] = []
     table = console.table("chunk", "verdict", numbers=_NUMBERS)
@@ -173,7 +173,7 @@ def chunk(
 
 def _chunk(
     part: Episode,
-    own: RobotLimits,
+    arm: RobotLimits,
     robot: RobotOptions,
     tolerance: float,
     parts: Sequence[Episode],
@@ -183,9 +183,9 @@ def _chunk(
     if part.samples is None:
         return part.error or TrajoptError("it has no samples")
     try:
-        samples, names = _of_robot(part.samples, own)
-        asked.note_acceleration(robot, completed=own.completed.intersection(names))
-        limits = own.limits(names)
+        samples, names = _of_robot(part.samples, arm)
+        asked.note_acceleration(robot, completed=arm.completed.intersection(names))
+        limits = arm.limits(names)
         place, demands = _ends(part, samples, names, limits, parts, states)
         return from_samples(
             samples.positions,
@@ -194,7 +194,7 @@ def _chunk(
             tolerance=tolerance,
             start=place,
             name=part.name,
-            **own.described(names),
+            **arm.described(names),
             **demands,
         )
     except TrajoptError as error:
@@ -216,14 +216,14 @@ def _for_cycles(chunk: Chunk, cycle: float) -> Chunk:
     return replace(chunk, problem=replace(problem, demands=demands))
 
 
-def _of_robot(samples: Samples, own: RobotLimits) -> tuple[Samples, tuple[str, ...]]:
+def _of_robot(samples: Samples, arm: RobotLimits) -> tuple[Samples, tuple[str, ...]]:
     """Return the samples of the robot's joints, and these joints' names."""
-    names = known_as(samples.joint_names, own.joint_names, ordered=own.ordered)
-    if set(own.joints) < set(names):  # and a gripper's, which are left out
-        samples = samples.for_joints([names.index(name) for name in own.joint_names])
-        names = own.joint_names
-    if not set(names) <= set(own.joints):
-        right = f"joints of {own.source}: {', '.join(own.joints)}"
+    names = known_as(samples.joint_names, arm.joint_names, ordered=arm.ordered)
+    if set(arm.joints) < set(names):  # and a gripper's, which are left out
+        samples = samples.for_joints([names.index(name) for name in arm.joint_names])
+        names = arm.joint_names
+    if not set(names) <= set(arm.joints):
+        right = f"joints of {arm.source}: {', '.join(arm.joints)}"
         raise InvalidInput("joint names", right, value=list(names))
     return samples, names
 
@@ -261,7 +261,7 @@ def _first_velocity(samples: Samples) -> Array:
 
 def _row(key: str, said: str, joints: int) -> Array:
     """Return the numbers of a flag, one per joint."""
-    found = [parsed(own) for own in said.replace(";", ",").split(",")]
+    found = [parsed(number) for number in said.replace(";", ",").split(",")]
     if len(found) != joints or not all(map(is_number, found)):
         right = f"{joints} numbers with commas between them, one per joint"
         raise InvalidInput(f"--{key.replace('_', '-')}", right, value=said)

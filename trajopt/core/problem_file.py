@@ -191,15 +191,17 @@ def _problem(table: Mapping[str, Any], path: Path, make: Callable[..., Problem])
         raise InvalidInput("limits.velocity", right, value=written.joints)
     of_each = segment_tables.read(of_segments, len(waypoints) - 1, len(kinds))
     size = {}
-    for key, own in units.items():
-        sizes = [UNITS[unit] for unit in own]
+    for key, unit_names in units.items():
+        sizes = [UNITS[unit] for unit in unit_names]
         size[key] = np.array(sizes)
     scaled = written.converted(size["limits"]).kinds
-    kept = {key: own for key, own in of_robot.items() if key not in given}
-    demands = {key: own * _unit_size(DEMANDS[key], size) for key, own in demands.items()}
+    kept = {key: limit for key, limit in of_robot.items() if key not in given}
+    demands = {key: values * _unit_size(DEMANDS[key], size) for key, values in demands.items()}
     limits = Limits(**{**scaled, **kept})
     for key, stated in of_each.items():
-        own_limits = {segment: own.converted(size["limits"]) for segment, own in stated.items()}
+        own_limits = {
+            segment: limits.converted(size["limits"]) for segment, limits in stated.items()
+        }
         limits = limits.in_segments(key, own_limits, len(waypoints) - 1)
     units_known = arm is not None or list in map(type, said.values())
     problem = make(
@@ -226,10 +228,10 @@ def _chain(
 ) -> LinkChain | None:
     """Return link frames and masses that the file states, else the robot's of these joints."""
     stated = {key: table.get(key) for key in ("chain", "dynamics", "payload")}
-    for key, own in stated.items():
-        if own is not None and not isinstance(own, Mapping):
+    for key, part in stated.items():
+        if part is not None and not isinstance(part, Mapping):
             known = {"chain": chain.KEYS, "dynamics": bodies.KEYS, "payload": bodies.PAYLOAD_KEYS}
-            raise InvalidInput(key, f"a table with {', '.join(known[key])}", value=own)
+            raise InvalidInput(key, f"a table with {', '.join(known[key])}", value=part)
     frames, moved, payload = stated.values()
     if moved is not None:
         files.check_keys("dynamics.", moved, bodies.KEYS, bodies.REQUIRED)
@@ -304,13 +306,13 @@ def text(problem: Problem, units: Sequence[str] = ()) -> str:
     table["units"] = dict.fromkeys(_UNIT_KEYS, unit)
     size = {key: np.ones(problem.joints) for key in _UNIT_KEYS}
     if "deg" in units:
-        size["waypoints"] = np.array([UNITS[own] for own in units])
+        size["waypoints"] = np.array([UNITS[unit] for unit in units])
         table["waypoints"] = np.round(problem.waypoints / size["waypoints"], 12).tolist()
         table["units"]["waypoints"] = "deg" if len(set(units)) == 1 else list(units)
     for key, numbers in problem.demands.items():
         demand = DEMANDS[key]
         table[key] = demand.table(numbers / _unit_size(demand, size))
-    table["limits"] = {key: own.table() for key, own in problem.limits.kinds.items()}
+    table["limits"] = {key: limit.table() for key, limit in problem.limits.kinds.items()}
     of_segments = segment_tables.tables(problem.limits)
     if of_segments:
         table["limits"][segment_tables.KEY] = of_segments
@@ -327,7 +329,9 @@ def _said_units(table: Mapping[str, Any]) -> dict[str, Any]:
 
     A file without limits and rates of its own needs no unit for them.
     """
-    rates = [key for key, own in DEMANDS.items() if own.length and own.time and key in table]
+    rates = [
+        key for key, demand in DEMANDS.items() if demand.length and demand.time and key in table
+    ]
     limits = table.get("limits", {})
     numbers = [value for value in limits.values() if not isinstance(value, bool)]
     limits_given = bool(numbers or rates)
@@ -362,17 +366,17 @@ def _units(said: Mapping[str, Any], joints: int) -> dict[str, list[str]]:
                 right = '"deg" or "rad", or a unit per joint like ["deg", "m"]'
                 raise InvalidInput(f"units.{key}", right, value=unit)
             unit = [unit] * joints
-        for joint, own in enumerate(unit):
-            if own not in tuple(UNITS):
+        for joint, name in enumerate(unit):
+            if name not in tuple(UNITS):
                 right = " or ".join(UNITS)
-                raise InvalidInput(f"units.{key}", right, value=own, joint=joint)
+                raise InvalidInput(f"units.{key}", right, value=name, joint=joint)
         if len(unit) != joints:
             raise InvalidInput(f"units.{key}", f"{joints} units, one per joint", value=unit)
         units[key] = unit
     for key, other in (_UNIT_KEYS, reversed(_UNIT_KEYS)):
         if not isinstance(said[key], list):  # a single unit is of angles
             pairs = zip(units[key], units[other], strict=True)
-            units[key] = ["m" if length in LENGTHS else own for own, length in pairs]
+            units[key] = ["m" if length in LENGTHS else name for name, length in pairs]
     kinds = [[unit in LENGTHS for unit in units[key]] for key in _UNIT_KEYS]
     if kinds[0] != kinds[1]:
         right = f"the same kinds of units as units.waypoints, {said['waypoints']}"

@@ -60,12 +60,12 @@ class Route:
         read = {}
         for key, demand in DEMANDS.items():
             if key in demands:
-                own = demand.read(demands[key], *size)
-                if not np.array_equal(own, demand.none(*size), equal_nan=True):
-                    read[key] = own
+                values = demand.read(demands[key], *size)
+                if not np.array_equal(values, demand.none(*size), equal_nan=True):
+                    read[key] = values
         self.__dict__["demands"] = read
-        for key, own in read.items():
-            DEMANDS[key].check_way(own, self.waypoints, self.rounding)
+        for key, values in read.items():
+            DEMANDS[key].check_way(values, self.waypoints, self.rounding)
 
     @property
     def joints(self) -> int:
@@ -136,8 +136,8 @@ class Route:
     def largest_displacements(self) -> Array:
         """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
         distances = np.abs(self.displacements)
-        own = distances.max(axis=0)
-        return np.where(own > 0, own, distances.max())
+        largest = distances.max(axis=0)
+        return np.where(largest > 0, largest, distances.max())
 
     @cached_property
     def rounding(self) -> Array:
@@ -159,45 +159,47 @@ class Route:
 
     def at(self, kept: Bools) -> Route:
         """Return the route through the waypoints of a mask, `(waypoints,)`."""
-        own = {key: DEMANDS[key].at(values, kept) for key, values in self.demands.items()}
-        return Route(self.waypoints[kept], own)
+        demands = {key: DEMANDS[key].at(values, kept) for key, values in self.demands.items()}
+        return Route(self.waypoints[kept], demands)
 
     def part(self, first: int, last: int) -> Route:
         """Return the part between two waypoints, by index; it is at rest where it is cut.
 
         What is asked of the whole motion is not asked of a part.
         """
-        own = {}
+        demands = {}
         for key, values in self.demands.items():
             cut_off = first if key.startswith("start_") else len(self.waypoints) - 1 - last
             if not (DEMANDS[key].whole or (DEMANDS[key].moves and cut_off)):
-                own[key] = DEMANDS[key].part(values, first, last)
-        own.pop("dwell", None)
-        return Route(self.waypoints[first : last + 1], own)
+                demands[key] = DEMANDS[key].part(values, first, last)
+        demands.pop("dwell", None)
+        return Route(self.waypoints[first : last + 1], demands)
 
     def only(self, joints: Indices) -> Route:
         """Return the route of some joints, by index."""
-        own = {key: DEMANDS[key].of_joints(values, joints) for key, values in self.demands.items()}
-        return Route(self.waypoints[:, joints], own)
+        demands = {
+            key: DEMANDS[key].of_joints(values, joints) for key, values in self.demands.items()
+        }
+        return Route(self.waypoints[:, joints], demands)
 
     def in_units(self, time: float, lengths: Array | float) -> Route:
         """Return the route with times in units of `time`, s, and positions in `lengths`, rad.
 
         `lengths` is one number for all joints, or `(joints,)`.
         """
-        own = {
+        demands = {
             key: values / DEMANDS[key].unit_size(lengths, time)
             for key, values in self.demands.items()
         }
-        return Route(self.waypoints / lengths, own)
+        return Route(self.waypoints / lengths, demands)
 
     def reversed(self) -> Route:
         """Return the route of the same motions backwards in time."""
-        own = {}
+        demands = {}
         for key, values in self.demands.items():
             demand = DEMANDS[key]
-            own[demand.when_reversed or key] = demand.backwards(values)
-        return Route(self.waypoints[::-1], own)
+            demands[demand.when_reversed or key] = demand.backwards(values)
+        return Route(self.waypoints[::-1], demands)
 
     @cached_property
     def _differing(self) -> Bools:

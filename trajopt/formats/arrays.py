@@ -69,7 +69,7 @@ def load(path: Path) -> dict[str, NDArray[Any]] | NDArray[Any]:
     try:
         with files.opened(path) as file:
             if path.suffix == ".npz":
-                sizes = [own.file_size for own in zipfile.ZipFile(file).infolist()]
+                sizes = [member.file_size for member in zipfile.ZipFile(file).infolist()]
                 if sum(sizes) > files.MAX_BYTES:
                     raise ValueError(f"it has more than {files.MAX_BYTES / 1e6:g} MB")
             file.seek(0)
@@ -123,7 +123,7 @@ def table(given: Any, name: str) -> Table:
 def held(given: Any) -> bool:
     """Return whether this may be a table of arrays, or a list of records: not a list of numbers."""
     if a_list(given):
-        return bool(given) and all(isinstance(own, Mapping) for own in given)
+        return bool(given) and all(isinstance(table, Mapping) for table in given)
     return isinstance(given, Mapping) and any(array.ndim for array in _arrays(given).values())
 
 
@@ -135,9 +135,9 @@ def _arrays(given: Any) -> dict[str, NDArray[Any]]:
     """
     if a_list(given):
         first = given[0]
-        if any(own.keys() != first.keys() for own in given):
+        if any(table.keys() != first.keys() for table in given):
             raise InvalidInput("records", f"the same keys in each: {', '.join(first)}")
-        given = {key: [own[key] for own in given] for key in first}
+        given = {key: [table[key] for table in given] for key in first}
     return dict(_flat("", given))
 
 
@@ -146,8 +146,12 @@ def _flat(place: str, given: Mapping[str, Any]) -> Iterator[tuple[str, NDArray[A
         if isinstance(value, Mapping):
             yield from _flat(f"{place}{key}.", value)
         elif a_list(value) and value and isinstance(value[0], Mapping):
-            if all(isinstance(own, Mapping) and own.keys() == value[0].keys() for own in value):
-                yield from _flat(f"{place}{key}.", {k: [own[k] for own in value] for k in value[0]})
+            if all(
+                isinstance(table, Mapping) and table.keys() == value[0].keys() for table in value
+            ):
+                yield from _flat(
+                    f"{place}{key}.", {k: [table[k] for table in value] for k in value[0]}
+                )
         else:
             try:
                 array = np.array(value) if not isinstance(value, np.ndarray) else value
@@ -160,11 +164,11 @@ def _flat(place: str, given: Mapping[str, Any]) -> Iterator[tuple[str, NDArray[A
 
 def _table(arrays: Mapping[str, NDArray[Any]], name: str) -> Table:
     """Return the arrays as a table with headings, whose times are in its first column."""
-    numbers = {key: own for key, own in arrays.items() if own.dtype.kind in "iuf"}
-    said = ", ".join(f"{key} {own.shape}" for key, own in arrays.items()) or "none"
+    numbers = {key: array for key, array in arrays.items() if array.dtype.kind in "iuf"}
+    said = ", ".join(f"{key} {array.shape}" for key, array in arrays.items()) or "none"
     roles = {key: samples_csv.kind(key.replace(".", "_")) for key in numbers}
-    clocks = [key for key, own in roles.items() if own == "time" and numbers[key].ndim == 1]
-    motions = [key for key, own in numbers.items() if own.ndim == 2 and len(own) > 1]
+    clocks = [key for key, role in roles.items() if role == "time" and numbers[key].ndim == 1]
+    motions = [key for key, array in numbers.items() if array.ndim == 2 and len(array) > 1]
     if not any(roles[key] == "positions" for key in motions):
         for key in motions:
             bare = _BARE.fullmatch(key.rpartition(".")[2]) or samples_csv.source(key)
@@ -182,15 +186,15 @@ def _table(arrays: Mapping[str, NDArray[Any]], name: str) -> Table:
     else:
         headings, cells = ["time [s]"], [_times(numbers, rows, said)]
     listed = [arrays[key].tolist() for key in arrays if key.rpartition(".")[2] in _NAMES]
-    labels = next((own for own in listed if a_list(own) and len(own) == joints), None)
+    labels = next((names for names in listed if a_list(names) and len(names) == joints), None)
     labels = [*map(str, labels)] if labels else [f"joint_{joint + 1}" for joint in range(joints)]
     left_out = []
-    for key, own in numbers.items():
-        if key in motions and own.shape == (rows, joints):
+    for key, array in numbers.items():
+        if key in motions and array.shape == (rows, joints):
             word = samples_csv.FIELDS[roles[key]]
             headings += [f"{samples_csv.source(key)}{label}_{word}" for label in labels]
-            cells += [[*map(str, column)] for column in own.T]
-        elif own.ndim and key != (clocks or [""])[0]:
+            cells += [[*map(str, column)] for column in array.T]
+        elif array.ndim and key != (clocks or [""])[0]:
             left_out.append(key)
     if left_out:
         warnings.warn(FileNote(f"{name}: left out: {', '.join(left_out)}"), stacklevel=2)
@@ -199,9 +203,9 @@ def _table(arrays: Mapping[str, NDArray[Any]], name: str) -> Table:
 
 def _times(numbers: Mapping[str, NDArray[Any]], rows: int, said: str) -> list[str]:
     """Return the times of equal steps, s, exactly."""
-    for key, own in numbers.items():
-        if own.ndim == 0 and own > 0 and (_STEP.fullmatch(key) or _RATE.fullmatch(key)):
-            size = Decimal(str(own))
+    for key, array in numbers.items():
+        if array.ndim == 0 and array > 0 and (_STEP.fullmatch(key) or _RATE.fullmatch(key)):
+            size = Decimal(str(array))
             step = size if _STEP.fullmatch(key) else 1 / size
             return [str(step * row) for row in range(rows)]
     right = f"an array of times, t, or a step of time, dt, or a rate, fps; {NO_MOTION} {said}"

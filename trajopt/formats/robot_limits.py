@@ -107,8 +107,8 @@ class RobotLimits:
             unsound={**other.unsound, **self.unsound},
             continuous=self.continuous | other.continuous,
             frames={
-                name: own._replace(effort=other.efforts.get(name, own.effort))
-                for name, own in {**other.frames, **self.frames}.items()
+                name: frame._replace(effort=other.efforts.get(name, frame.effort))
+                for name, frame in {**other.frames, **self.frames}.items()
             },
         )
 
@@ -130,13 +130,13 @@ class RobotLimits:
             return self
         joints = {}
         for name, bounds in self.joints.items():
-            own = dict(bounds)
+            ranges = dict(bounds)
             for kind in _REQUIRED:
-                if kind in own:
-                    low, high = own[kind]
+                if kind in ranges:
+                    low, high = ranges[kind]
                     factor = factors[kind]
-                    own[kind] = (factor * low, factor * high)
-            joints[name] = own
+                    ranges[kind] = (factor * low, factor * high)
+            joints[name] = ranges
         shares = ", ".join(f"{kind} times {factor:g}" for kind, factor in factors.items())
         return replace(
             self,
@@ -149,13 +149,13 @@ class RobotLimits:
     def limits_acceleration(self, joint_names: Sequence[str]) -> bool:
         """Return whether any of these joints has an acceleration limit."""
         known = (self.joints.get(name, {}) for name in joint_names)
-        return any(np.isfinite(own.get("acceleration", _UNLIMITED)).all() for own in known)
+        return any(np.isfinite(ranges.get("acceleration", _UNLIMITED)).all() for ranges in known)
 
     def with_acceleration(self, size: float) -> RobotLimits:
         """Return these limits, with this acceleration limit for joints without one, rad/s²."""
         without = [name for name in self.joints if not self.limits_acceleration([name])]
-        own = {name: {**self.joints[name], "acceleration": (-size, size)} for name in without}
-        return replace(self, joints={**self.joints, **own}, completed=frozenset(without))
+        added = {name: {**self.joints[name], "acceleration": (-size, size)} for name in without}
+        return replace(self, joints={**self.joints, **added}, completed=frozenset(without))
 
     def limits(self, joint_names: Sequence[str]) -> Limits:
         """The limits of these joints, in this order; scaling factors do not count.
@@ -165,14 +165,14 @@ class RobotLimits:
                 link frames that a limit needs.
         """
         bounds = [self._bounds(name) for name in joint_names]
-        pairs = {kind: [own.get(kind, _UNLIMITED) for own in bounds] for kind in LIMIT_NAMES}
+        pairs = {kind: [ranges.get(kind, _UNLIMITED) for ranges in bounds] for kind in LIMIT_NAMES}
         for kind in _REQUIRED:
-            own = zip(joint_names, pairs[kind], strict=True)
-            absent = [name for name, pair in own if not np.isfinite(pair).all()]
+            by_joint = zip(joint_names, pairs[kind], strict=True)
+            absent = [name for name, pair in by_joint if not np.isfinite(pair).all()]
             if absent:
                 raise self._absent(kind, absent)
         others = {key: self._other(key, joint_names) for key in self.others}
-        bounding = {key: own for key, own in others.items() if own.bounds.any()}
+        bounding = {key: limit for key, limit in others.items() if limit.bounds.any()}
         found = Limits(**pairs, others={**bounding, **self.stated})
         if not self.stated:
             return found
@@ -181,7 +181,7 @@ class RobotLimits:
             chain = chain.carrying({"mass": self.payload})
         weighed = any(named(key).of_chain for key in self.stated)
         if weighed and isinstance(chain.masses, Masses):
-            note_unreal(self.source, [joint_names[own] for own in chain.masses.unreal])
+            note_unreal(self.source, [joint_names[joint] for joint in chain.masses.unreal])
         return found.for_chain(chain.named(joint_names))
 
     def _other(self, key: str, joint_names: Sequence[str]) -> Limit:

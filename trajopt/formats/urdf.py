@@ -82,7 +82,7 @@ ATTRIBUTES: Mapping[str, Keys] = {
     "mimic": MIMIC,
 }
 """The attributes of each element of a joint that is read."""
-ELEMENTS = {tag: Key(keys.holding(own), f"<{tag}>") for tag, own in ATTRIBUTES.items()} | {
+ELEMENTS = {tag: Key(keys.holding(names), f"<{tag}>") for tag, names in ATTRIBUTES.items()} | {
     tag: Key(keys.table, f"<{tag}>, which bounds nothing")
     for tag in ("axis", "calibration", "child", "dynamics", "origin", "parent")
 }
@@ -150,8 +150,8 @@ def _parsed(file: Path) -> Element:
 def _declared(content: bytes) -> bytes:
     """Declare the prefixes of names that the file does not, as ROS's parser knows none."""
     used = sorted(set(_PREFIX.findall(content)) - {b"xml", b"xmlns"})
-    unknown = [own for own in used if b"xmlns:" + own not in content]
-    said = b"".join(b' xmlns:%s="%s"' % (own, own) for own in unknown)
+    unknown = [prefix for prefix in used if b"xmlns:" + prefix not in content]
+    said = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in unknown)
     return re.sub(rb"<robot\b", rb"<robot" + said, content, count=1)
 
 
@@ -177,9 +177,9 @@ def _robot(root: Element, source: str) -> RobotLimits:
             joints[name] = _bounds(joint)
             if _brakes_otherwise(joint):
                 braking.append(name)
-            own = _falling_velocity(joint)
-            if own is not None:
-                falling[name] = own
+            curve = _falling_velocity(joint)
+            if curve is not None:
+                falling[name] = curve
         except InvalidInput as error:
             key = f"{name}: {error.key}"
             unsound[name] = InvalidInput(key, error.expected, value=error.value, file=source)
@@ -228,7 +228,7 @@ def _frames(root: Element, moving: Collection[str], source: str) -> dict[str, Jo
             for link, pose in _fixed(moved[name], below, found):
                 fixed[link] = pose
             body = np.zeros((4, 4))
-            for link in [own for own in fixed if own in links]:
+            for link in [name for name in fixed if name in links]:
                 body += fixed[link] @ _inertial(links[link]) @ fixed[link].T
             damping, friction, effort = _drive(moved[name])
             found[name] = frame._replace(
@@ -277,12 +277,12 @@ def _inertial(link: Element) -> Array:
     try:
         if mass is None:
             raise InvalidInput("mass", "<mass value=…/>, kg")
-        numbers = [0.0] * 6 if tensor is None else [_number(tensor, own) for own in _TENSOR]
-        own = bodies.body(_number(mass, "value"), (0, 0, 0), numbers)
+        numbers = [0.0] * 6 if tensor is None else [_number(tensor, key) for key in _TENSOR]
+        body = bodies.body(_number(mass, "value"), (0, 0, 0), numbers)
         pose = _origin(element)
     except InvalidInput as error:
         raise InvalidInput(f"{key}: {error.key}", error.expected, value=error.value) from None
-    return np.asarray(pose @ own @ pose.T)
+    return np.asarray(pose @ body @ pose.T)
 
 
 def _drive(joint: Element) -> tuple[float, float, float]:
@@ -294,11 +294,11 @@ def _drive(joint: Element) -> tuple[float, float, float]:
     limit, dynamics = joint.find("limit"), joint.find("dynamics")
     found = []
     for key in ("damping", "friction"):
-        own = 0.0 if dynamics is None else _number(dynamics, key)
-        if own < 0:
+        number = 0.0 if dynamics is None else _number(dynamics, key)
+        if number < 0:
             name = f"{joint.get('name')}: dynamics {key}"
-            raise InvalidInput(name, "0 or more", value=own)
-        found.append(own)
+            raise InvalidInput(name, "0 or more", value=number)
+        found.append(number)
     damping, friction = found
     effort = 0.0 if limit is None else _number(limit, "effort")
     return damping, friction, effort if effort > 0 else np.nan
@@ -347,8 +347,10 @@ def _triple(joint: Element, tag: str, key: str, default: str) -> Array:
     """Return three numbers of an element's attribute."""
     element = joint.find(tag)
     text = default if element is None else element.get(key, default)
-    numbers = [numerals.parsed(own) for own in text.split()]
-    if len(numbers) != 3 or not all(own is not None and np.isfinite(own) for own in numbers):
+    numbers = [numerals.parsed(number) for number in text.split()]
+    if len(numbers) != 3 or not all(
+        number is not None and np.isfinite(number) for number in numbers
+    ):
         raise InvalidInput(f"{tag} {key}", "three numbers", value=text)
     return np.array(numbers, dtype=float)
 
@@ -456,15 +458,15 @@ def _range(joint: Element, limit: Element) -> Bounds:
 
 def _falling_velocity(joint: Element) -> Array | None:
     """The numbers of Franka's element, beside the range of the joint's `<limit>`."""
-    own = joint.find("position_based_velocity_limits")
-    if own is None:
+    curve = joint.find("position_based_velocity_limits")
+    if curve is None:
         return None
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         raise InvalidInput(
             "position_based_velocity_limits", "a limit with lower and upper beside it"
         )
-    row = [_number(own, name) for name in FALLING]
+    row = [_number(curve, name) for name in FALLING]
     row += [_number(limit, name) for name in ("lower", "upper")]
     try:
         (numbers,) = FallingVelocity(np.array([row])).numbers

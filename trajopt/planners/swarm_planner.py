@@ -136,7 +136,7 @@ class SwarmPlanner(Planner):
         if self.timing == "per-joint":
             stats |= task.joint_stats(problem.joints, times, histories)
             history = None
-        last = [own[-1, 1] for own in histories]
+        last = [history[-1, 1] for history in histories]
         lost = np.isnan(last).sum()
         message = ""
         if lost > 0:
@@ -169,16 +169,16 @@ class JointGroup(Timing):
     @classmethod
     def of(cls, problem: Problem, joints: Indices, lower: float, upper: float) -> JointGroup:
         """Build the group of these joints, which move, with the box of a planner's options."""
-        own = problem.only(joints)
-        displacements = own.displacements.T
-        longest = stop_times(own.without("position")).max()
+        of_joints = problem.only(joints)
+        displacements = of_joints.displacements.T
+        longest = stop_times(of_joints.without("position")).max()
         high = upper * longest
-        room = spline353.position_room(own)
+        room = spline353.position_room(of_joints)
         if room is not None:
-            times = spline353.keeping_times(displacements, own.limits, room, longest)
+            times = spline353.keeping_times(displacements, of_joints.limits, room, longest)
             # the best spline's longest outer time may be longer still
             high = max(high, 2 * times.max())
-        return cls(displacements, own.limits, room, low=lower * high, high=high)
+        return cls(displacements, of_joints.limits, room, low=lower * high, high=high)
 
     def uses(self, times: Array, exact_above: float = 0.0) -> tuple[Array, ...]:
         return spline353.limit_use(self.displacements, times[:, None], self.limits, exact_above)
@@ -214,12 +214,12 @@ class JointGroup(Timing):
             lambda known: beyond(known[:, :3], known[:, 3:]),
             np.concatenate([sample, np.zeros(len(joints))]),
         )
-        own = joints.tolist()
+        numbers = joints.tolist()
 
         def value(times: list[float]) -> Any:
             outside = [
                 excess(times + joint) if bound > 0 else 0.0
-                for joint, bound in zip(own, bounds(times), strict=True)
+                for joint, bound in zip(numbers, bounds(times), strict=True)
             ]
             return whole(times + outside)
 
@@ -270,7 +270,9 @@ class SegmentTimes:
         together = [joints]
         if planner.timing == "per-joint":
             together = list(joints[:, None])
-        groups = [JointGroup.of(problem, own, planner.lower, planner.upper) for own in together]
+        groups = [
+            JointGroup.of(problem, joints, planner.lower, planner.upper) for joints in together
+        ]
         return cls(planner, joints, tuple(groups))
 
     @property
@@ -324,12 +326,12 @@ class SegmentTimes:
             runs = slice(row, None, len(self.groups))
             times = self.seconds(x[runs], group)
             if self.planner.fitness == "scaled":
-                own = group.scaled(times)
+                values = group.scaled(times)
             elif incumbent is None:
-                own = group.penalty(times)
+                values = group.penalty(times)
             else:
-                own = group.penalty_below(times, incumbent[runs].ravel())
-            value[runs] = own.reshape(-1, x.shape[1])
+                values = group.penalty_below(times, incumbent[runs].ravel())
+            value[runs] = values.reshape(-1, x.shape[1])
         return value
 
     def answers(self, result: Result) -> Iterator[tuple[Array, list[Array]]]:
@@ -340,11 +342,11 @@ class SegmentTimes:
             runs = slice(row, None, count)
             times = self.seconds(result.position[runs], group)
             best.append(self._dilated(times, group, result.fitness[runs]))
-        for seed, own in enumerate(zip(*best, strict=True)):
+        for seed, best_times in enumerate(zip(*best, strict=True)):
             first = seed * count
             histories = result.histories[first : first + count]
             feasible = map(self._feasible, histories, self.groups)
-            yield np.array(own), list(feasible)
+            yield np.array(best_times), list(feasible)
 
     def _dilated(self, times: Array, group: JointGroup, fitness: Array) -> Array:
         """Return a group's best times `(seeds, 3)`, s, dilated to the duration of their fitness."""

@@ -105,29 +105,29 @@ def entry(key: Key, part: Any, row: int = 0) -> StoredRow:
     return StoredRow(key, label, int(seed), own_id.decode(), planner.decode(), part, row)
 
 
-def version(own: StoredRow) -> Version:
+def version(row: StoredRow) -> Version:
     """Return which version of a planner a row is of."""
     names = ("label", "planner", "options", "started", "asked", PROVENANCE.name)
     label, planner, options, started, asked, code = (
-        own.part["trials"][name][own.row].decode() for name in names
+        row.part["trials"][name][row.row].decode() for name in names
     )
     code = code_in(json.loads(code))
-    return Version(own.id, label, planner, json.loads(options), code, started, asked)
+    return Version(row.id, label, planner, json.loads(options), code, started, asked)
 
 
 def by_problem(entries: Iterable[StoredRow]) -> dict[Key, list[StoredRow]]:
     """Return the rows of each problem in the order of the file: by label, seed and identity."""
     found: dict[Key, list[StoredRow]] = {}
-    for own in sorted(entries, key=lambda own: (own.key, own.label, own.seed, own.id)):
-        found.setdefault(own.key, []).append(own)
+    for row in sorted(entries, key=lambda row: (row.key, row.label, row.seed, row.id)):
+        found.setdefault(row.key, []).append(row)
     return found
 
 
 def _tables(entries: Sequence[StoredRow]) -> Rows:
     """Return the rows of one problem."""
-    parts: dict[int, Any] = {id(own.part): own.part for own in entries}
+    parts: dict[int, Any] = {id(row.part): row.part for row in entries}
     places = {part: place for place, part in enumerate(parts)}
-    return Rows(list(parts.values()), [(places[id(own.part)], own.row) for own in entries])
+    return Rows(list(parts.values()), [(places[id(row.part)], row.row) for row in entries])
 
 
 # --- writing ---
@@ -145,17 +145,17 @@ def content(stored: Stored, judge: str) -> bytes:
     in_memory = {"driver": "core", "backing_store": False, "block_size": _GROWTH_BYTES}
     with h5py.File("results.h5", "w", libver=("earliest", "v110"), **in_memory) as file:
         file.attrs.update({"title": _TITLE, "schema": SCHEMA, _JUDGE: judge})
-        rows = {key: _tables(own) for key, own in by_problem(stored.entries).items()}
+        rows = {key: _tables(entries) for key, entries in by_problem(stored.entries).items()}
         names = layout.groups(rows)
         file.create_group("problems")
         writer = Writer()
         _write_trials(writer, file.id, rows, stored.best, names)
-        for key, own in rows.items():
+        for key, tables in rows.items():
             problem = stored.problems[key]
             # any letters, unlike the names within
             place = file.create_group(f"problems/{names[key]}").id
             _write_problem(writer, place, problem)
-            _write_tables(writer, place, own, problem)
+            _write_tables(writer, place, tables, problem)
             if key[1] in stored.best:
                 _write_best(writer, writer.group(place, "best"), stored.best[key[1]], problem)
         file.flush()
@@ -233,8 +233,8 @@ def _write_tables(writer: Writer, place: Any, rows: Rows, problem: Problem) -> N
     writer.column(place, "waypoint_times", times, "s", MEANINGS["waypoint_times"])
     groups = {"uses": writer.group(place, "uses")}
     for name, unit in (("joint", "1"), ("time", "s"), ("value", "1")):
-        own = rows.column("uses", name)
-        writer.column(groups["uses"], name, own, unit, MEANINGS[f"uses/{name}"])
+        column = rows.column("uses", name)
+        writer.column(groups["uses"], name, column, unit, MEANINGS[f"uses/{name}"])
     power = f"{problem.shared_unit(1)}^power"
     units = {"breaks": "s", "coefficients": power, "lengths": "s"}
     searches = {"duration": "s", "evaluations": "1"}
@@ -349,7 +349,7 @@ def product(path: Path, judge: str) -> Iterator[list[tuple[StoredRow, bytes]]]:
         for name in np.unique(trials["problem"]):
             (rows,) = np.nonzero(trials["problem"] == name)
             place = file["problems"][name]
-            part = _Part(place, {own: data[rows] for own, data in trials.items()}, texts[rows])
+            part = _Part(place, {name: data[rows] for name, data in trials.items()}, texts[rows])
             key = str(place.attrs["name"]), str(place.attrs["digest"])
             if not np.array_equal(trials["row"][rows], np.arange(len(place["waypoint_times"]))):
                 raise Malformed("rows that are not in order")
@@ -429,21 +429,21 @@ def _differing(h5py: Any, found: Any, expected: Any, path: str) -> Iterator[str]
     if _is_commented(h5py, found):
         yield f"{path or '/'}: comment"
     for name in expected:
-        own = f"{path}/{name}"
+        place = f"{path}/{name}"
         if not isinstance(found.get(name, getlink=True), h5py.HardLink):
-            yield own
+            yield place
             continue
         ours, theirs = expected[name], found[name]
         if type(ours) is not type(theirs):
-            yield own
+            yield place
         elif isinstance(ours, h5py.Group):
-            yield from _differing(h5py, theirs, ours, own)
+            yield from _differing(h5py, theirs, ours, place)
         else:
             if _is_commented(h5py, theirs):
-                yield f"{own}: comment"
+                yield f"{place}: comment"
             if not _same_kind(theirs, ours) or not _same_values(h5py, theirs, ours):
-                yield own
-            yield from _differing_attributes(theirs, ours, own)
+                yield place
+            yield from _differing_attributes(theirs, ours, place)
 
 
 def _is_commented(h5py: Any, place: Any) -> bool:

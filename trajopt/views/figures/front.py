@@ -54,25 +54,25 @@ def curve(front: Front, beside: Sequence[Beside] = ()) -> Figure:
 
 
 def _motions(axes: Axes, beside: Sequence[Beside]) -> None:
-    finite = [own.value for own in beside if np.isfinite(own.value)]
+    finite = [planner.value for planner in beside if np.isfinite(planner.value)]
     low, high = axes.get_ylim()
     if finite:
         high = max(high, 2 * max(finite))
         low = min(low, 0.5 * min(finite))
-    jumps = any(not np.isfinite(own.value) for own in beside)
+    jumps = any(not np.isfinite(planner.value) for planner in beside)
     edge = 4 * high if jumps else high
     axes.set_ylim(low, edge * (1.6 if jumps else 1.0))
-    order = sorted(own.label for own in beside)
-    for own in beside:
-        jumping = not np.isfinite(own.value)
+    order = sorted(planner.label for planner in beside)
+    for planner in beside:
+        jumping = not np.isfinite(planner.value)
         axes.plot(
-            [own.duration],
-            [edge if jumping else own.value],
-            color=planner_look(own.label, order)["color"],
-            marker=planner_mark(own.label, order),
+            [planner.duration],
+            [edge if jumping else planner.value],
+            color=planner_look(planner.label, order)["color"],
+            marker=planner_mark(planner.label, order),
             markerfacecolor="white" if jumping else None,
             ls="",
-            label=wrapped(own.label) + (": jumps" if jumping else ""),
+            label=wrapped(planner.label) + (": jumps" if jumping else ""),
             zorder=4,
         )
     if jumps:
@@ -82,18 +82,18 @@ def _motions(axes: Axes, beside: Sequence[Beside]) -> None:
 
 def _two_savings(axes: Axes, beside: Sequence[Beside]) -> None:
     """Draw what one motion could save: in smoothness at its duration, in time at its smoothness."""
-    measured = [own for own in beside if own.shortest and own.times_the_least]
+    measured = [planner for planner in beside if planner.shortest and planner.times_the_least]
     if not measured:
         return
-    own = max(measured, key=lambda other: other.times_the_least or 0.0)
-    times, shortest = own.times_the_least or 1.0, own.shortest or own.duration
-    ends = {(own.duration, own.value / times): f"{times:.3g} times the least"}
-    ends[shortest, own.value] = f"as smooth in {shortest:.3g} s"
+    planner = max(measured, key=lambda other: other.times_the_least or 0.0)
+    times, shortest = planner.times_the_least or 1.0, planner.shortest or planner.duration
+    ends = {(planner.duration, planner.value / times): f"{times:.3g} times the least"}
+    ends[shortest, planner.value] = f"as smooth in {shortest:.3g} s"
     arrow = {"arrowstyle": "->", "color": GREY, "lw": 0.8, "shrinkA": 4, "shrinkB": 1}
     for end, said in ends.items():
-        start = (own.duration, own.value)
+        start = (planner.duration, planner.value)
         axes.annotate("", end, start, arrowprops=arrow, zorder=2)
-        upright = end[0] == own.duration
+        upright = end[0] == planner.duration
         axes.annotate(
             said,
             (

@@ -38,22 +38,22 @@ def premise(found: Execution) -> Figure:
         raise ValueError(f"{found.motion.name} is no log")
     proof = told.conviction
     joint = _joint(told)
-    own = told.joints[joint]
+    logged = told.joints[joint]
     unit = found.problem.unit(joint)
     figure = Picture(figsize=_SIZE_IN, layout="constrained")
     whole, near = figure.subplots(2, 1, height_ratios=(1, 1.4))
-    whole.plot(own.times, own.positions, color=BLUE)
+    whole.plot(logged.times, logged.positions, color=BLUE)
     whole.set_ylabel(f"position ({unit})")
     if proof is not None and len(proof.values) > 1 and not proof.of_velocities and proof.limit:
         whole.axvspan(proof.start, proof.end, color=VERMILION, alpha=0.25, lw=0)
-        _convicted(near, own, proof)
+        _convicted(near, logged, proof)
         near.set_ylabel(f"beyond a lawful curve ({unit})")
     else:
-        _within(near, told, own, joint)
+        _within(near, told, logged, joint)
         near.set_ylabel(f"off the motion found ({unit})")
     near.set_xlabel("time (s)")
     label = found.problem.joint_labels[joint]
-    width = f"{label}, known to \N{PLUS-MINUS SIGN}{own.known.known:.2g} {unit}: {told.verdict}"
+    width = f"{label}, known to \N{PLUS-MINUS SIGN}{logged.known.known:.2g} {unit}: {told.verdict}"
     figure.suptitle(headline(f"{found.motion.name}: ", width), x=0.01, ha="left", fontsize=8)
     figure.legend(*near.get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return figure
@@ -63,34 +63,34 @@ def _joint(told: Evidence) -> int:
     """Return the joint of the proof, or the one that uses most of a limit."""
     if told.conviction is not None:
         return told.conviction.joint
-    return max(told.limits.values(), key=lambda own: own.at_least).joint if told.limits else 0
+    return max(told.limits.values(), key=lambda use: use.at_least).joint if told.limits else 0
 
 
-def _within(axes: Axes, told: Evidence, own: Joint, joint: int) -> None:
+def _within(axes: Axes, told: Evidence, logged: Joint, joint: int) -> None:
     """Draw the samples' widths about the motion that was found."""
     if told.motion is None:
-        reference = np.zeros(len(own.times)) + own.positions.mean()
+        reference = np.zeros(len(logged.times)) + logged.positions.mean()
     else:
-        reference = told.motion(own.times - told.log.times[0])[:, joint]
-    off = own.positions - reference
+        reference = told.motion(logged.times - told.log.times[0])[:, joint]
+    off = logged.positions - reference
     axes.fill_between(
-        own.times, -own.half, own.half, color=GREY, alpha=0.3, lw=0, label="known to this"
+        logged.times, -logged.half, logged.half, color=GREY, alpha=0.3, lw=0, label="known to this"
     )
-    axes.plot(own.times, off, ".", color=BLUE, ms=2, label="samples")
+    axes.plot(logged.times, off, ".", color=BLUE, ms=2, label="samples")
 
 
-def _convicted(axes: Axes, own: Joint, proof: Conviction) -> None:
+def _convicted(axes: Axes, logged: Joint, proof: Conviction) -> None:
     """Draw the rows of a proof beyond the lawful curve that comes nearest to them."""
     start, end = proof.start, proof.end
-    span = max(end - start, _FEWEST * float(np.median(np.diff(own.times))) / 2)
-    shown = (own.times >= start - _AROUND * span) & (own.times <= end + _AROUND * span)
-    lawful = _lawful(proof, own)
-    times, at = own.times[shown], lawful(own.times[shown])
-    beyond = own.positions[shown] - at
+    span = max(end - start, _FEWEST * float(np.median(np.diff(logged.times))) / 2)
+    shown = (logged.times >= start - _AROUND * span) & (logged.times <= end + _AROUND * span)
+    lawful = _lawful(proof, logged)
+    times, at = logged.times[shown], lawful(logged.times[shown])
+    beyond = logged.positions[shown] - at
     axes.errorbar(
         times,
         beyond,
-        own.half[shown],
+        logged.half[shown],
         fmt=".",
         ms=3,
         color=GREY,
@@ -115,13 +115,13 @@ def _convicted(axes: Axes, own: Joint, proof: Conviction) -> None:
     axes.set_ylim(max(low, -3 * edge), min(high, 3 * edge))
 
 
-def _lawful(proof: Conviction, own: Joint) -> Callable[[Array], Array]:
+def _lawful(proof: Conviction, logged: Joint) -> Callable[[Array], Array]:
     """Return the curve at the limit through the favourable edges of all rows but the last."""
     order = len(proof.times) - 1
     at = proof.times - proof.times[0]
     weights = np.array([1 / np.prod(np.delete(at[i] - at, i)) for i in range(order + 1)])
     mean = factorial(order) * float(weights @ proof.values)
-    low, high = own.limits[RATES.index(proof.limit)] if proof.limit in RATES else (mean, mean)
+    low, high = logged.limits[RATES.index(proof.limit)] if proof.limit in RATES else (mean, mean)
     side = 1.0 if mean > 0 else -1.0
     edges = proof.values - side * np.sign(weights) * proof.half
     top = (high if side > 0 else low) / factorial(order)

@@ -59,7 +59,7 @@ def goal(problem: Problem, motions: Sequence[ShownMotion]) -> Goal:
     if record is not None:
         said = f"The best known motion takes {record.duration:.4f} s; nobody proved it to be best."
         return Goal(record.duration, "the best known", said)
-    within = [own for own in motions if most_used(problem, own.trajectory) <= _BROKEN]
+    within = [motion for motion in motions if most_used(problem, motion.trajectory) <= _BROKEN]
     shortest = min(within or motions, key=lambda motion: motion.trajectory.duration)
     duration = shortest.trajectory.duration
     said = f"The shortest of these within the limits takes {duration:.4f} s."
@@ -69,7 +69,7 @@ def goal(problem: Problem, motions: Sequence[ShownMotion]) -> Goal:
 def most_used(problem: Problem, motion: Trajectory) -> float:
     """Return the largest use of a limit that is a ratio, 1 at the limit."""
     kinds = problem.limits.kinds.values()
-    return max(own.worst(motion).value for own in kinds if own.is_ratio)
+    return max(limit.worst(motion).value for limit in kinds if limit.is_ratio)
 
 
 def why(problem: Problem, shown: ShownMotion) -> str:
@@ -95,8 +95,8 @@ def why(problem: Problem, shown: ShownMotion) -> str:
 
 def colour(motion: ShownMotion, motions: Sequence[ShownMotion]) -> str:
     """Return a motion's colour, as in every figure; black is the page's own ink."""
-    own = CURVES[places([each.planner for each in motions])[motion.planner] % len(CURVES)]
-    return "currentColor" if own == BLACK else own
+    colour = CURVES[places([each.planner for each in motions])[motion.planner] % len(CURVES)]
+    return "currentColor" if colour == BLACK else colour
 
 
 def data(problem: Problem, motions: Sequence[ShownMotion], goal: Goal) -> dict[str, Any]:
@@ -108,18 +108,21 @@ def data(problem: Problem, motions: Sequence[ShownMotion], goal: Goal) -> dict[s
     chain = catalogue.chain(problem)
     limits = list(_shown(problem, motions[0].trajectory))
     runs = [_run(motion, limits) for motion in motions]
-    sampled = [np.array(problem.waypoints), *(own.trajectory(_even(own)) for own in motions)]
+    sampled = [
+        np.array(problem.waypoints),
+        *(motion.trajectory(_even(motion)) for motion in motions),
+    ]
     return {
         "names": list(problem.joint_labels),
         "waypoints": problem.waypoints,
         "chain": None if chain is None else _links(chain, np.concatenate(sampled), problem),
         "kinds": [
             {
-                "name": own.name(),
-                "ratio": own.is_ratio,
+                "name": limit.name(),
+                "ratio": limit.is_ratio,
                 "joints": [-1 if joint is None else joint for joint in joints],
             }
-            for own, joints in limits
+            for limit, joints in limits
         ],
         **_checked(problem, [limit for limit, _ in limits]),
         "tick": TICK_S,
@@ -145,18 +148,18 @@ def _checked(problem: Problem, limits: Sequence[Limit]) -> dict[str, Any]:
     """
     simple: list[dict[str, Any]] = []
     known = set()
-    for kind, own in enumerate(limits):
-        if isinstance(own, JointLimit) and own.segments is None:
-            known.add(own.key)
+    for kind, limit in enumerate(limits):
+        if isinstance(limit, JointLimit) and limit.segments is None:
+            known.add(limit.key)
             simple.append(
-                {"kind": kind, "order": own.order, "ratio": own.is_ratio, "pairs": own.pairs}
+                {"kind": kind, "order": limit.order, "ratio": limit.is_ratio, "pairs": limit.pairs}
             )
     kinds = problem.limits.kinds.items()
-    left_out = [f"{own.name()} limits" for key, own in kinds if key not in known]
+    left_out = [f"{limit.name()} limits" for key, limit in kinds if key not in known]
     return {
         "problem": problem.name,
         "bounds": simple,
-        "smooth": max(own.smooth for own in problem.limits.kinds.values()),
+        "smooth": max(limit.smooth for limit in problem.limits.kinds.values()),
         "left_out": [*left_out, *(DEMANDS[key].name for key in problem.demands)],
         "units": [problem.unit(joint) for joint in range(problem.joints)],
     }
@@ -174,15 +177,15 @@ def _run(motion: ShownMotion, limits: Sequence[tuple[Limit, list[int | None]]]) 
         along = limit.along(trajectory, times)
         for joint in joints:
             # a place in a range is 1/2 in its middle, which uses nothing of it
-            own = along[joint] if limit.is_ratio else 2 * along[joint] - 1
-            uses.append(np.round(100 * own))
+            share = along[joint] if limit.is_ratio else 2 * along[joint] - 1
+            uses.append(np.round(100 * share))
     return {
         "name": motion.name,
         "duration": trajectory.duration,
         "passed": trajectory.waypoint_times,
         "t": _differences(np.round(times / TICK_S)),
-        "q": [_differences(own) for own in np.round(trajectory(times) / STEP).T],
-        "u": [_differences(np.clip(own, 0, 999)) for own in uses],
+        "q": [_differences(row) for row in np.round(trajectory(times) / STEP).T],
+        "u": [_differences(np.clip(use, 0, 999)) for use in uses],
     }
 
 
@@ -207,17 +210,17 @@ def _differences(values: Array) -> list[int]:
 
 def _links(chain: LinkChain, postures: Array, problem: Problem) -> dict[str, Any]:
     """Return link frames, and the view from the side on which the waypoints are farthest apart."""
-    corners = [_corner(*own) for own in zip(chain.origins, chain.axes, strict=True)]
+    corners = [_corner(*joint) for joint in zip(chain.origins, chain.axes, strict=True)]
     found = points(chain, postures)
     at_waypoints = points(chain, problem.waypoints)
-    view = max(map(_view, _AZIMUTHS), key=lambda own: _shown_travel(at_waypoints @ own.T))
+    view = max(map(_view, _AZIMUTHS), key=lambda axes: _shown_travel(at_waypoints @ axes.T))
     ground = min(0.0, float(found[..., 2].min()))
     seen = np.append(found.reshape(-1, 3), [[0, 0, ground]], axis=0) @ view.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     border = _BORDER * (high - low).max()
     return {
         "origins": np.round(chain.origins[:, :3].reshape(-1, 12), 7),
-        "corners": [None if own is None else np.round(own, 5) for own in corners],
+        "corners": [None if corner is None else np.round(corner, 5) for corner in corners],
         "axes": np.round(chain.axes, 7),
         "slides": chain.slides,
         "tool": np.round(chain.tool[:3].ravel(), 7),
@@ -233,7 +236,7 @@ def points(chain: LinkChain, postures: Array) -> Array:
     before = np.concatenate([np.broadcast_to(np.eye(4), frames[:, :1].shape), frames], axis=1)
     found = [frames[..., :3, 3]]
     for joint, (origin, axis) in enumerate(zip(chain.origins, chain.axes, strict=True)):
-        corner = np.append(np.zeros(3) if (own := _corner(origin, axis)) is None else own, 1.0)
+        corner = np.append(np.zeros(3) if (place := _corner(origin, axis)) is None else place, 1.0)
         found.append((before[:, joint] @ corner)[:, None, :3])
     return np.concatenate(found, axis=1)
 
