@@ -4,17 +4,14 @@
     python -m experiments.fronts --quick                  # one problem, five seconds a proof
 
 Writes a record a problem: the problem, its smoothest motions known, and proofs over all segment
-times. `docs/examples/best-known/check_front.py` checks a record with whole numbers only. What it
-proves is the record's lower bound. The table goes to standard output.
+times. `trajopt/judging/check_front.py` checks a record in exact fractions. What it proves is the
+record's lower bound. The table goes to standard output.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from fractions import Fraction
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import cyclopts
@@ -26,6 +23,7 @@ from baselines.front.least import Least, least
 from baselines.lower_bound.incumbent import incumbent
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.core.problem import Problem
+from trajopt.judging.proved_bounds import proved_integral
 
 PROBLEMS = (
     "six-axis",
@@ -43,17 +41,6 @@ FACTORS = (1.2, 1.5, 2.0, 3.0)  # durations, relative to the shortest known
 _POWER = 5  # power of the duration in the least ∫ jerk²
 _DIGITS = 12  # digits of a costate; any costates prove a bound
 _SAFETY = 1 - 1e-12
-_SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "best-known" / "check_front.py"
-
-
-def checker() -> ModuleType:
-    """The script that checks a record."""
-    spec = importlib.util.spec_from_file_location("check_front", _SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def record(problem: Problem, seconds: float) -> dict[str, Any]:
@@ -62,9 +49,8 @@ def record(problem: Problem, seconds: float) -> dict[str, Any]:
     known = incumbent(merged, 10.0)
     assert known is not None
     proofs: list[dict[str, Any]] = []
-    stated = stated_problem(merged)
     free = free_bound(merged, "jerk", seconds)
-    free_lower = added(proofs, stated, free)
+    free_lower = added(proofs, merged, free)
     points = []
     for factor in FACTORS:
         found = least(merged, "jerk", factor * known.duration, known.trajectory)
@@ -73,24 +59,22 @@ def record(problem: Problem, seconds: float) -> dict[str, Any]:
         if found.limits_act and lower < found.value * (1 - LIMITS_WITHIN):
             bound = bound_with_limits(merged, "jerk", found, seconds)
             if bound.lower > lower:
-                lower, place = added(proofs, stated, bound), len(proofs) - 1
+                lower, place = added(proofs, merged, bound), len(proofs) - 1
         points.append(point(found, lower, place))
     return {
         "schema": "trajopt-front-2",
-        "problem": stated,
+        "problem": stated_problem(merged),
         "measure": "jerk",
         "points": points,
         "proofs": proofs,
     }
 
 
-def added(proofs: list[dict[str, Any]], stated: dict[str, Any], bound: FrontBound) -> float:
+def added(proofs: list[dict[str, Any]], problem: Problem, bound: FrontBound) -> float:
     """Keep a proof, and return what the exact check says that it proves."""
-    proof = {name: table.tolist() for name, table in vars(shortened(bound.proof)).items()}
-    proofs.append(proof)
-    claim = Fraction(bound.lower)
-    exact = checker().proved(as_fractions(stated), claim, as_fractions(proof))
-    return float(exact) * _SAFETY
+    tables = vars(shortened(bound.proof))
+    proofs.append({name: table.tolist() for name, table in tables.items()})
+    return proved_integral(problem, tables, bound.lower) * _SAFETY
 
 
 def shortened(proof: FrontProof) -> FrontProof:
@@ -132,15 +116,6 @@ def stated_problem(problem: Problem) -> dict[str, Any]:
         },
         "joint_units": list(problem.joint_units),
     }
-
-
-def as_fractions(value: Any) -> Any:
-    """Numbers as fractions, as the script reads them."""
-    if isinstance(value, dict):
-        return {key: as_fractions(own) for key, own in value.items()}
-    if isinstance(value, list):
-        return [as_fractions(own) for own in value]
-    return Fraction(value) if isinstance(value, float | int) else value
 
 
 def main(

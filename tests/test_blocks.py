@@ -86,7 +86,8 @@ def folder(tmp_path, monkeypatch, finished):
     for name in ("ur5e.urdf", "robot.urdf", "r.urdf"):
         shutil.copy(DOCS / "examples" / "ur5e" / "ur5e.urdf", name)
     shutil.copy(DOCS / "gallery" / "plot_5_wrap_toppra.py", "wrap_toppra.py")
-    shutil.copy(DOCS / "examples" / "best-known" / "check_proof.py", tmp_path)
+    for script in ("check_proof.py", "check_front.py"):
+        shutil.copy(DOCS / "examples" / "best-known" / script, tmp_path)
     shutil.copy(DOCS / "examples" / "planner-package" / "chord_cubic.py", "my_planner.py")
     with Path("my_planner.py").open("a") as file:
         file.write("\nMyPlanner = ChordCubic\n")

@@ -14,5 +14,6 @@ In reading order:
   rest (`log_joint`, `tube`, `tube_proof`);
 - `check_proof`: the kernel of all proofs of lower bounds, in exact fractions, with the standard
   library alone; it is a script too, which the site and the archive of records ship as it is;
-- `proved_bounds`: the kernel, asked about a `Problem` and arrays.
+- `check_front`: the same of bounds of the smoothness, a script beside the kernel;
+- `proved_bounds`: both, asked about a `Problem` and arrays.
 """

@@ -193,17 +193,21 @@ def proof_of(stats: dict[str, Any]) -> dict[str, Any]:
     return whole(tables) if tables else {}
 
 
-def whole(tables: dict[str, Any]) -> dict[str, Any]:
+def whole(
+    tables: dict[str, Any],
+    columns_of: dict[str, int] = TABLES,
+    optional: Sequence[str] = OPTIONAL,
+) -> dict[str, Any]:
     """Return a proof with all its tables; those that it need not have are empty.
 
     Raises:
         NoProof: A table is missing, or is not one of numbers with so many columns.
     """
     for name in tables:
-        if name not in TABLES:
-            raise NoProof("a table", ", ".join(TABLES), name)
-    proof = {name: [] for name in OPTIONAL} | tables
-    for name, columns in TABLES.items():
+        if name not in columns_of:
+            raise NoProof("a table", ", ".join(columns_of), name)
+    proof = {name: [] for name in optional} | tables
+    for name, columns in columns_of.items():
         if not isinstance(proof.get(name), list):
             raise NoProof(name, "a table of finite numbers")
         for row in proof[name]:

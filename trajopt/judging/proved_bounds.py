@@ -1,8 +1,12 @@
-"""Lower bounds that proofs prove: the kernel `check_proof` asked about a `Problem` and arrays."""
+"""Lower bounds that proofs prove: the kernel's files asked about a `Problem` and arrays.
+
+`check_proof` derives bounds of the duration, `check_front` bounds of the smoothness integral.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from fractions import Fraction
 from math import inf, isfinite, nextafter
 from typing import Any
@@ -11,7 +15,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.judging import check_proof
+from trajopt.judging import check_front, check_proof
 from trajopt.judging.check_proof import NoProof
 
 
@@ -25,12 +29,40 @@ def proved_bound(problem: Problem, tables: Mapping[str, Array]) -> float:
     Raises:
         InvalidInput: The proof is damaged, or belongs to another problem.
     """
-    try:
-        proof = check_proof.whole({name: exact(own.tolist()) for name, own in tables.items()})
+    with _refusals():
+        proof = check_proof.whole(_exact_tables(tables))
         return rounded_down(check_proof.proved(stated(problem), proof))
+
+
+def proved_integral(problem: Problem, tables: Mapping[str, Array], claim: float) -> float:
+    """Return the lower bound of a smoothness integral that a proof proves, at most a claim.
+
+    Args:
+        problem: Without demands; every waypoint and joint.
+        tables: The proof's tables by their names (`check_front.TABLES`).
+        claim: For the duration of the proof; for 1 s where the proof uses no limits.
+
+    Raises:
+        InvalidInput: The proof is damaged, or belongs to another problem.
+    """
+    with _refusals():
+        said = stated(problem) | {"joint_units": list(problem.joint_units)}
+        found = check_front.proved(said, Fraction(claim), _exact_tables(tables))
+        return rounded_down(found)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Raise the kernel's refusals as `InvalidInput`."""
+    try:
+        yield
     except NoProof as error:
         key = f"proof {error.part}"
         raise InvalidInput(key, error.expected, value=error.value) from error
+
+
+def _exact_tables(tables: Mapping[str, Array]) -> dict[str, Any]:
+    return {name: exact(table.tolist()) for name, table in tables.items()}
 
 
 def stated(problem: Problem) -> dict[str, Any]:
