@@ -52,7 +52,9 @@ def front(
     ] = None,
     time_limit: Annotated[
         float,
-        number("CPU seconds for the proof of each point; 0: none.", least=0, most=MAX_SECONDS),
+        number(
+            "CPU seconds to search for the proof of each point; 0: none.", least=0, most=MAX_SECONDS
+        ),
     ] = 60.0,
     planner: list[str] | None = None,
     output: Path = Path("results"),

@@ -58,7 +58,7 @@ Pair = tuple[Fraction | None, Fraction | None]
 # --- the rows of a problem ---
 
 
-class Row(NamedTuple):
+class FrontRow(NamedTuple):
     """A derivative at an instant, or its change between two instants of a segment, (12.2).
 
     Attributes:
@@ -89,7 +89,7 @@ class FrontRows:
 
     order: int
     weights: Numbers
-    rows: list[Row]
+    rows: list[FrontRow]
     equations: int
     start: Corners
 
@@ -117,9 +117,9 @@ def front_rows(said: dict[str, Any], proof: dict[str, Any]) -> FrontRows:
     order, duration = int(proof["order"][0]), proof["duration"][0]
     start, last = problem.waypoints[0], len(problem.segments) - 1
     ways = [[x - x0 for x, x0 in zip(q, start, strict=True)] for q in problem.waypoints[1:]]
-    rows = [Row(order - 1, k, SHARES, SHARES, equal(way)) for k, way in enumerate(ways)]
+    rows = [FrontRow(order - 1, k, SHARES, SHARES, equal(way)) for k, way in enumerate(ways)]
     rest = equal([ZERO] * len(start))
-    rows += [Row(order - 1 - d, last, SHARES, SHARES, rest) for d in range(1, order)]
+    rows += [FrontRow(order - 1 - d, last, SHARES, SHARES, rest) for d in range(1, order)]
     limits = [limit_row(problem, order, duration or ONE, *row) for row in proof["limits"]]
     times = all_times(problem, duration, proof["shortest"])
     return FrontRows(order, weights, rows + limits, len(rows), times)
@@ -144,7 +144,7 @@ def limit_row(
     segment: Fraction,
     since: Fraction,
     share: Fraction,
-) -> Row:
+) -> FrontRow:
     """Return the limit of a derivative at an instant, or of its mean over a part of a segment."""
     of = kernel.counted("limits", derivative, 4)
     k = kernel.counted("limits", segment, len(problem.segments))
@@ -160,7 +160,7 @@ def limit_row(
         sizes = (problem.velocity, problem.acceleration, problem.jerk)[of - 1][k]
         rate = unit**of
         sides = [(low and -low * rate, high and high * rate) for low, high in sizes]
-    return Row(power, k, int(since * SHARES), int(share * SHARES), sides)
+    return FrontRow(power, k, int(since * SHARES), int(share * SHARES), sides)
 
 
 def all_times(problem: kernel.ExactProblem, duration: Fraction, shortest: Numbers) -> Corners:
@@ -305,6 +305,7 @@ class FrontBounds:
             without a limit on that side.
         divisor: Of the gains.
         weights: Of the joints, times `weight_divisor`.
+        instants: Segment, place, row and sign of all instants of rows, the last one first.
     """
 
     front: FrontRows
@@ -313,6 +314,7 @@ class FrontBounds:
     divisor: int
     weights: list[int]
     weight_divisor: int
+    instants: list[tuple[int, int, int, int]]
 
     @classmethod
     def of(cls, front: FrontRows, claim: Fraction) -> FrontBounds:
@@ -330,7 +332,14 @@ class FrontBounds:
         ]
         weight_divisor = lcm(*(w.denominator for w in front.weights))
         weights = [int(w * weight_divisor) for w in front.weights]
-        return cls(front, claim, gains, divisor, weights, weight_divisor)
+        instants = [(row.segment, row.share, i, 1) for i, row in enumerate(front.rows)]
+        instants += [
+            (row.segment, row.since, i, -1)
+            for i, row in enumerate(front.rows)
+            if row.since < row.share
+        ]
+        instants.sort(reverse=True)
+        return cls(front, claim, gains, divisor, weights, weight_divisor, instants)
 
     def with_equations(self, corners: Corners) -> Fraction:
         """Return the bound by costates of the equations alone: constant ones, or curved."""
@@ -374,13 +383,18 @@ class FrontBounds:
         """
         degree = 2 * self.front.order + 1
         gains = list(map(self.gains_of, costates))
+        stated = [
+            (i, j, values)
+            for i, rows in enumerate(zip(*costates, strict=True))
+            for j, values in enumerate(zip(*rows, strict=True))
+            if any(values)
+        ]
         lattice, unit = lattice_times(corners, degree)
         points = []
         for e, times in zip(exponents(self.front.segments, degree), lattice, strict=True):
-            y = [
-                [sum(map(mul, e, values)) for values in zip(*rows, strict=True)]
-                for rows in zip(*costates, strict=True)
-            ]
+            y = [[0] * len(self.weights) for _ in self.front.rows]
+            for i, j, values in stated:
+                y[i][j] = sum(map(mul, e, values))
             lengths = [
                 (row.share - row.since) * times[row.segment] // SHARES
                 if row.since < row.share
@@ -415,18 +429,14 @@ class FrontBounds:
         order, unit = self.front.order, sum(times)
         scales = [2 // factorial(p) * unit ** (order - 1 - p) for p in range(order)]
         starts = [sum(times[:k]) for k in range(len(times))]
-        changes = []
-        for i, row in enumerate(self.front.rows[: len(costates)]):
-            at = [(row.share, scales[row.power])]
-            at += [(row.since, -scales[row.power])] if row.since < row.share else []
-            start, time = starts[row.segment], times[row.segment] // SHARES
-            changes += [(start + share * time, row.power, i, scale) for share, scale in at]
-        changes.sort(reverse=True)
-        found = 0
-        for j, weight in enumerate(self.weights):
-            of_joint = [(at, p, costates[i][j] * scale) for at, p, i, scale in changes]
-            found += weight * integral_of_square([own for own in of_joint if own[2]])
-        return found
+        of_joints: list[list[tuple[int, int, int]]] = [[] for _ in self.weights]
+        for k, share, i, sign in self.instants:
+            if i < len(costates):
+                at, power = starts[k] + share * (times[k] // SHARES), self.front.rows[i].power
+                for changes, y in zip(of_joints, costates[i], strict=True):
+                    if y:
+                        changes.append((at, power, sign * y * scales[power]))
+        return sum(map(mul, self.weights, map(integral_of_square, of_joints)))
 
     def square_divisor(self, divisor: int, unit: int) -> int:
         """Return the divisor of `square`, from that of the costates and of the times."""
