@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import copy
+import io
 import json
 import shutil
 import subprocess
@@ -100,9 +101,12 @@ def replaced(table, at, row):
         ("order", replaced("order", 0, 4.0)),
         ("duration", replaced("duration", 0, -2.4)),
         ("shortest", replaced("shortest", 0, 1.5)),
+        ("shortest", replaced("shortest", 0, -0.5)),
         ("shortest", lambda proof: proof["shortest"].pop()),
         ("limits", replaced("limits", 0, [1.0, 2.0, 0.0, 0.5])),
         ("limits", replaced("limits", 0, [1.0, 0.0, 0.5, 0.25])),
+        # no 32nds: cut to one instant it would be the limit of another derivative
+        ("limits", replaced("limits", 0, [1.0, 0.0, 0.001, 0.002])),
         ("limits", replaced("limits", 0, [0.0, 0.0, 0.0, 0.5])),  # a mean of positions
         ("costates", replaced("costates", 0, [0.0, 99.0, 0.0, 1.0, 1.0])),
         ("costates", replaced("costates", 0, [0.0, 0.0, 0.0, 1.0])),
@@ -119,6 +123,24 @@ def test_a_part_that_is_wrong_is_named(proof_with_limits, reason, mutated):
     mutated(proof)
     with pytest.raises(NoProof, match=f"^{reason}"):
         checked(1.0, proof)
+
+
+@pytest.mark.parametrize(("measure", "code"), [("jerk", 0), ("acceleration", 1), ("snap", 1)])
+def test_a_proof_is_of_the_measure_that_the_record_states(
+    proof_with_limits, measure, code, monkeypatch
+):
+    _, proof = proof_with_limits
+    duration = proof["duration"][0]
+    record = {
+        "problem": stated_problem(PROBLEM),
+        "measure": measure,
+        "points": [{"duration": duration, "lower": 1.0, "proof": 0}],
+        "proofs": [proof],
+    }
+    monkeypatch.setattr("sys.stdin", io.StringIO(json.dumps(record)))
+    with pytest.raises(SystemExit) as ended:
+        check_front.main()
+    assert bool(ended.value.code) == bool(code)
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,9 @@ def front(
     time_limit: Annotated[
         float,
         number(
-            "CPU seconds to search for the proof of each point; 0: none.", least=0, most=MAX_SECONDS
+            "CPU seconds to search for each proof (its check: up to twice that); 0: none.",
+            least=0,
+            most=MAX_SECONDS,
         ),
     ] = 60.0,
     planner: list[str] | None = None,

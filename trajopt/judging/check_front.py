@@ -39,6 +39,7 @@ TABLES = {  # the tables of a proof, and how many columns each has; 0 for a plai
     "steps": 2,
     "costates": 0,  # 3, and one more for each segment
 }
+ORDERS = {"jerk": 3, "acceleration": 2}  # of the derivative whose square is integrated
 FREE, WITH_LIMITS = -1, -2  # kinds of leaves
 SHARES = 32  # instants are multiples of a 32nd of their segment
 COSTATE_BITS = 100
@@ -148,8 +149,9 @@ def limit_row(
     """Return the limit of a derivative at an instant, or of its mean over a part of a segment."""
     of = kernel.counted("limits", derivative, 4)
     k = kernel.counted("limits", segment, len(problem.segments))
-    power = order - 1 - of + (since < share)
-    if not 0 <= since <= share <= 1 or not 0 <= power < order:
+    start, end = (kernel.counted("limits", x * SHARES, SHARES + 1) for x in (since, share))
+    power = order - 1 - of + (start < end)
+    if start > end or not 0 <= power < order:
         raise NoProof("limits", "instants of their segment, at which it bounds something")
     if of == 0:
         sides = [
@@ -160,7 +162,7 @@ def limit_row(
         sizes = (problem.velocity, problem.acceleration, problem.jerk)[of - 1][k]
         rate = unit**of
         sides = [(low and -low * rate, high and high * rate) for low, high in sizes]
-    return FrontRow(power, k, int(since * SHARES), int(share * SHARES), sides)
+    return FrontRow(power, k, start, end, sides)
 
 
 def all_times(problem: kernel.ExactProblem, duration: Fraction, shortest: Numbers) -> Corners:
@@ -172,7 +174,7 @@ def all_times(problem: kernel.ExactProblem, duration: Fraction, shortest: Number
     if len(shortest) != len(problem.segments):
         raise NoProof("shortest", "a time of each segment", len(shortest))
     for k, (seconds, ways) in enumerate(zip(shortest, problem.displacements(), strict=True)):
-        if not any(takes(problem, k, j, seconds, way) for j, way in enumerate(ways)):
+        if seconds < 0 or not any(takes(problem, k, j, seconds, way) for j, way in enumerate(ways)):
             raise NoProof("shortest", "times that no segment falls below", seconds)
     share = [seconds / (duration or ONE) for seconds in shortest]
     if any(share) and (sum(share) >= 1 or not duration):
@@ -628,6 +630,8 @@ def point_holds(record: dict[str, Any], point: dict[str, Any]) -> bool:
     proofs = record["proofs"]
     proof = proofs[kernel.counted("proof", point["proof"], len(proofs))]
     (duration,), (order,) = proof["duration"], proof["order"]
+    if order != ORDERS.get(record["measure"]):
+        raise NoProof("order", "that of the record's measure", order)
     if duration not in (0, point["duration"]):
         raise NoProof("duration", "that of the point", duration)
     claim = point["lower"]
