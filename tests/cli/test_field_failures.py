@@ -591,7 +591,7 @@ effort: [0.0, 0.0]
             "verify m.csv --robot ur5e --tolerance 0.1",
             "m.csv",
             b"",
-            "--tolerance is no option: limits have no tolerance here",
+            "nearest is tolerance (rad) beside the waypoints of a problem file, to plan near them",
         ),
     ],
 )

@@ -122,8 +122,9 @@ _OPTIONS = {
         "the nearest is `trajopt plan --cycle` (s), or --rate (cycles per second)"
     ),
     r"(limit_)?tol(erance)?|eps(ilon)?": (
-        "limits have no tolerance here; the nearest is `trajopt judge --via-tolerance` (rad), for "
-        "a motion that passes near its waypoints"
+        "limits have no tolerance here; the nearest is tolerance (rad) beside the waypoints of a "
+        "problem file, to plan near them, or `trajopt judge --via-tolerance` (rad), for a motion "
+        "that passes near"
     ),
     r"format|type": (
         "the ending of `trajopt plan --out` says the format; --as goal writes a ROS goal"
