@@ -186,3 +186,12 @@ def test_it_runs_beside_the_kernel_where_nothing_else_of_ours_is(tmp_path):
         text=True,
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_bound_for_every_duration_uses_no_limits():
+    # limits rule out 1 s: by those costates anything would be proved, of slow motions too
+    _, bound, _, proof = proofs(2.2)
+    assert proof["limits"]
+    mutant = {**copy.deepcopy(proof), "duration": [0], "shortest": [0, 0]}
+    with pytest.raises(NoProof, match="limits"):
+        checked(bound.lower * 2.2**5, mutant)

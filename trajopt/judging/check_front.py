@@ -112,6 +112,8 @@ def front_rows(said: dict[str, Any], proof: dict[str, Any]) -> FrontRows:
         raise NoProof("order", "2 or 3")
     if len(proof["duration"]) != 1 or proof["duration"][0] < 0:
         raise NoProof("duration", "one time; 0 for a bound without limits")
+    if proof["limits"] and not proof["duration"][0]:
+        raise NoProof("limits", "none in a bound for every duration", len(proof["limits"]))
     problem = kernel.of_moving_joints(kernel.stated(said))
     weights = joint_weights(problem, set(said.get("joint_units") or ["rad"]))
     problem = kernel.through_stated(problem, proof["kept"])
