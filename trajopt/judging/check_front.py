@@ -237,11 +237,11 @@ def monomials(n: int, a: int, d: int) -> list[int]:
 
 def multiplied(one: list[int], other: list[int]) -> list[int]:
     """Return the coefficients of the product of two polynomials."""
-    found = [0] * (len(one) + len(other) - 1)
+    coefficients = [0] * (len(one) + len(other) - 1)
     for i, x in enumerate(one):
         for k, y in enumerate(other):
-            found[i + k] += x * y
-    return found
+            coefficients[i + k] += x * y
+    return coefficients
 
 
 @cache
@@ -405,7 +405,7 @@ class FrontBounds:
                 else unit
                 for row in self.front.rows
             ]
-            gain = sum(i * sum(map(mul, own, lengths)) for i, own in zip(e, gains, strict=True))
+            gain = sum(i * sum(map(mul, rates, lengths)) for i, rates in zip(e, gains, strict=True))
             points.append((gain, self.square(y, times)))
         divisor = degree << COSTATE_BITS
         divisors = divisor * self.divisor * unit, self.square_divisor(divisor, unit)
@@ -413,7 +413,7 @@ class FrontBounds:
 
     def gains_of(self, costates: Costates) -> list[int]:
         """Return what the costates of each row gain, the limits on the side of their signs."""
-        found = []
+        gains = []
         for row, sides in zip(costates, self.gains, strict=False):
             gain = 0
             for y, pair in zip(row, sides, strict=True):
@@ -421,8 +421,8 @@ class FrontBounds:
                 if y and side is None:
                     raise NoProof("costates", "none of a limit that is not there")
                 gain += y * (side or 0)
-            found.append(gain)
-        return found
+            gains.append(gain)
+        return gains
 
     def square(self, costates: Costates, times: list[int]) -> int:
         """Return z'Gz = ∫ λ², times `square_divisor`.
@@ -454,20 +454,20 @@ def integral_of_square(changes: list[tuple[int, int, int]]) -> int:
         changes: Instant, power and size of each change of a coefficient, the last one first.
     """
     c = [0, 0, 0]
-    found = 0
+    integral = 0
     for (at, power, size), (before, _, _) in pairwise([*changes, (0, 0, 0)]):
         c[power] += size
         x = at - before
         if not x:
             continue
         c0, c1, c2 = c
-        found += x * (
+        integral += x * (
             30 * c0 * c0
             + x
             * (30 * c0 * c1 + x * (10 * (c1 * c1 + 2 * c0 * c2) + x * c2 * (15 * c1 + 6 * x * c2)))
         )
         c = [c0 + x * (c1 + x * c2), c1 + 2 * x * c2, c2]
-    return found
+    return integral
 
 
 def lattice_times(corners: Corners, degree: int) -> tuple[list[list[int]], int]:
@@ -491,7 +491,7 @@ def best_costates(front: FrontRows, times: list[float]) -> Costates | None:
     instants = [sum(times[: row.segment + 1]) for row in rows]
     at = [(instant, row.power) for instant, row in zip(instants, rows, strict=True)]
     gram = [
-        [kernels(*sorted(pair, key=lambda own: own[0])) for pair in product([one], at)]
+        [kernels(*sorted(pair, key=lambda instant: instant[0])) for pair in product([one], at)]
         for one in at
     ]
     values = [[float(low or 0) for low, _ in row.sides] for row in rows]
@@ -583,7 +583,7 @@ def proved(said: dict[str, Any], claim: Fraction, tables: dict[str, Any]) -> Fra
             least = min(least, bounds.linear(costates, corners))
             leaves += 1
         else:
-            left += halved(corners, *(kernel.counted("steps", own, len(corners)) for own in (i, j)))
+            left += halved(corners, *(kernel.counted("steps", end, len(corners)) for end in (i, j)))
     if left:
         raise NoProof("steps", "a bound of every simplex")
     return claim * least

@@ -309,7 +309,7 @@ def stated(problem: dict[str, Any]) -> ExactProblem:
     tolerance = problem.get("tolerance", [[ZERO] * joints] * len(waypoints))
     no_falls = any(map(any, tolerance))  # a relaxation where waypoints have tolerances
     rest = [ZERO] * joints
-    given = problem.get("given_times")
+    exact_times = problem.get("given_times")
     return ExactProblem(
         waypoints=waypoints,
         velocity=both_sided("velocity", by_segment(velocity)),
@@ -318,13 +318,13 @@ def stated(problem: dict[str, Any]) -> ExactProblem:
         position=[(low, high) for low, high in position],
         falling=[None if None in fall or no_falls else ExactFall(*fall) for fall in falls],
         tolerance=tolerance,
-        least_times=given or problem.get("least_times", [ZERO] * segments),
+        least_times=exact_times or problem.get("least_times", [ZERO] * segments),
         waits=problem.get("dwell", [ZERO] * len(waypoints)),
         ends=[
             list(states) for states in zip(*(problem.get(k, rest) for k in END_STATES), strict=True)
         ],
         closed=bool(problem.get("closed")),
-        times_are_given=bool(given),
+        times_are_given=bool(exact_times),
     )
 
 
@@ -501,21 +501,21 @@ def chord_times(problem: dict[str, Any], numbers: Sequence[int]) -> Numbers:
     tolerance = problem.get("tolerance", [[ZERO]] * len(problem["waypoints"]))
     exact = [not any(tolerance[k]) for k in numbers]
     least = [ZERO] * (len(numbers) - 1)
-    for name in [own for own in POINT_SPEEDS if own in limits]:
+    for name in [kind for kind in POINT_SPEEDS if kind in limits]:
         table = limits[name]
         by_segment = table if len(shape(table)) == 3 else [table] * (len(problem["waypoints"]) - 1)
         rows = by_segment[0]
         for j in range(len(rows) - 1 if name == "tool_speed" else 0, len(rows)):
-            speeds = [own[j][0] for own in by_segment]
+            speeds = [segment[j][0] for segment in by_segment]
             if not any(speeds):
                 continue
             places = [place_of(rows[: j + 1], q[: j + 1]) for q in waypoints]
             for k, (ends, segments) in enumerate(
                 zip(pairwise(places), pairwise(numbers), strict=True)
             ):
-                way, own = distance_below(*ends), speeds[slice(*segments)]
-                if all(own) and exact[k] and exact[k + 1] and way > SHORT_CHORD:
-                    least[k] = max(least[k], rounded_down(way / max(own)))
+                way, passed = distance_below(*ends), speeds[slice(*segments)]
+                if all(passed) and exact[k] and exact[k + 1] and way > SHORT_CHORD:
+                    least[k] = max(least[k], rounded_down(way / max(passed)))
     return least
 
 

@@ -47,8 +47,8 @@ def proved_integral(problem: Problem, tables: Mapping[str, Array], claim: float)
     """
     with _refusals():
         said = stated(problem) | {"joint_units": list(problem.joint_units)}
-        found = check_front.proved(said, Fraction(claim), _exact_tables(tables))
-        return rounded_down(found)
+        bound = check_front.proved(said, Fraction(claim), _exact_tables(tables))
+        return rounded_down(bound)
 
 
 @contextmanager
