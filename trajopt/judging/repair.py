@@ -54,7 +54,7 @@ MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
 MAX_ATTEMPTS = 8
 _MOST_CELLS = 200_000  # pieces times joints that are corrected at once
-_BLOCK = 20_000  # pieces of one joint of a longer motion that are
+_BLOCK = 20_000  # of a longer motion: pieces of one joint
 # A segment is brief if it takes less than this share of the time of both its neighbours.
 BRIEF_RTOL = 1e-3
 
