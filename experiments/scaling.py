@@ -3,7 +3,7 @@
     python -m experiments.scaling                # up to 1000 waypoints, some minutes on a core
     python -m experiments.scaling --quick        # up to 20, and 20 together
 
-Three tables. `scaling.csv`: random walks of seven joints, each the beginning of a longer one, with
+Four tables. `scaling.csv`: random walks of seven joints, each the beginning of a longer one, with
 the limits that a planner knows. The times are CPU seconds of a planner's first `solve` at a size.
 They include building IPOPT's program, if it uses IPOPT, but no imports, since another problem is
 solved before. The slope is the power of the number of waypoints, fitted from `FITTED_FROM`
@@ -15,6 +15,8 @@ holds at a time, measured in a call of its own.
 
 `beside.csv`: the exact optimum and one path by TOPP-RA, at three sizes. TOPP-RA takes only the
 velocity and acceleration limits, and its motion is that of one cubic spline.
+
+`long.csv`: what `verify` takes for a motion of many pieces, and what it holds beside it.
 
 Rows go to `--output` as soon as they are known, and running again does only what is missing; the
 figure is `scaling.png` and `.svg`.
@@ -41,6 +43,7 @@ from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify, verify_many
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.limits import KINDS
+from trajopt.core.trajectory import Trajectory
 from trajopt.planners.registry import load
 from trajopt.views.figures import plots
 
@@ -65,6 +68,9 @@ PEERS = {
     "TOPP-RA, 1000 intervals": "toppra:knots=chord,ends=clamped,gridpoints=1000",
 }
 REPEATS = 3
+LONG = (200_000, 2_000_000)  # samples
+MB = 1e6
+CYCLE_S = 1e-3
 
 
 def walk(waypoints: int, *, jerk: bool, position: bool) -> Problem:
@@ -189,6 +195,34 @@ def beside(peer: str, problem: Problem) -> list[dict[str, float]]:
     return [{"ms": 1e3 * spent, "certified duration s": certified}]
 
 
+def long_motion(samples: int, position: bool) -> list[dict[str, float]]:
+    """Judge cubics of six joints from samples every millisecond, between their own ends.
+
+    Returns:
+        The size of the motion, and the most memory that `verify` holds beside it, MB; CPU time, s.
+    """
+    rng = np.random.default_rng(0)
+    times = np.arange(samples) * CYCLE_S
+    rate, phase = rng.uniform(0.5, 2.0, 6), rng.uniform(0.0, 6.0, 6)
+    angle = rate * times[:, None] + phase
+    motion = Trajectory.from_samples(times, 0.5 * np.sin(angle), 0.5 * rate * np.cos(angle))
+    walls = [[-3.0, 3.0]] * 6 if position else None
+    ends: dict[str, Any] = {
+        f"{end}_velocity": motion(t, 1) for end, t in (("start", 0.0), ("end", times[-1]))
+    }
+    limits = Limits([3.0] * 6, [10.0] * 6, position=walls)
+    problem = Problem(motion(motion.waypoint_times), limits, **ends)
+    arrays = motion.breaks, motion.coefficients, motion.lengths
+    tracemalloc.start()
+    began = time.process_time()
+    verify(problem, motion)
+    cpu = time.process_time() - began
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    sizes = sum(array.nbytes for array in arrays) / MB, most / MB
+    return [{"motion, MB": sizes[0], "CPU s": cpu, "MB": sizes[1]}]
+
+
 def slope(rows: pd.DataFrame) -> float:
     """The power of the waypoints that a planner's times grow with; NaN of one size alone."""
     fitted = rows[rows["waypoints"] >= FITTED_FROM]
@@ -252,7 +286,13 @@ def main(most: int = 1000, output: Path = Path("results/scaling"), quick: bool =
         for size, problem in sizes(quick).items()
         for peer in PEERS
     }
+    motions = {
+        (samples, walls): partial(long_motion, samples, walls == "yes")
+        for samples in ([2000, 4000] if quick else LONG)
+        for walls in ("no", "yes")
+    }
     found = [
+        ("long", kept(output / "long.csv", ["samples", "position limits"], motions)),
         ("batches", kept(output / "batches.csv", ["planner", "problems"], batches)),
         ("beside", kept(output / "beside.csv", ["waypoints × joints", "planner"], peers)),
     ]

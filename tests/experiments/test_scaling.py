@@ -37,6 +37,7 @@ def test_a_walk_is_the_beginning_of_a_longer_one():
 def test_sizes_are_measured_once_and_drawn(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(scaling, "together", lambda planner, count: [{"MB": 1.0}])
     monkeypatch.setattr(scaling, "beside", lambda peer, problem: [{"ms": 1.0}])
+    monkeypatch.setattr(scaling, "long_motion", lambda samples, position: [{"MB": 1.0}])
     scaling.main(most=3, output=tmp_path)
     table = pd.read_csv(tmp_path / "scaling.csv")
     assert table["planner"].tolist() == ["exact", "exact-jerk", "collocation-refined"]
@@ -53,6 +54,7 @@ def test_a_single_size_has_no_slope_to_print(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(scaling, "SIZES", {"exact": (3,)})
     monkeypatch.setattr(scaling, "together", lambda planner, count: [{"MB": 1.0}])
     monkeypatch.setattr(scaling, "beside", lambda peer, problem: [{"ms": 1.0}])
+    monkeypatch.setattr(scaling, "long_motion", lambda samples, position: [{"MB": 1.0}])
     scaling.main(output=tmp_path)
     assert "nan" not in capsys.readouterr().out
     assert "nan" not in (tmp_path / "scaling.svg").read_text()
@@ -66,3 +68,10 @@ def test_problems_together_are_those_one_by_one(monkeypatch):
     first, second = scaling.like_six_axis(2, jerk=True)
     assert first.has("jerk")
     assert not np.array_equal(first.waypoints, second.waypoints)
+
+
+def test_a_long_motion_is_measured_beside_its_size():
+    (row,) = scaling.long_motion(500, position=True)
+    cubics = 499 * 6 * 4 * 8  # bytes of their coefficients
+    assert cubics < 1e6 * row["motion, MB"] < 1.2 * cubics
+    assert row["MB"] > 0
