@@ -53,7 +53,7 @@ def front(
     time_limit: Annotated[
         float,
         number(
-            "CPU seconds to search for each proof (its check: up to twice that); 0: none.",
+            "CPU seconds to search for each proof (its check: two to three times that); 0: none.",
             least=0,
             most=MAX_SECONDS,
         ),
