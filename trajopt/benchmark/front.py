@@ -147,8 +147,7 @@ def front(
         problem: A problem, the name of a built-in one, or a problem file.
         measure: `jerk` or `acceleration`, whose square is integrated.
         durations: s; by default from 1.05 to 3 times the shortest known duration.
-        time_limit: Seconds of CPU time of the search for the proof of each point, whose check may
-            take twice as long; with 0 nothing is proved.
+        time_limit: Seconds of CPU time for the proof of each point; with 0 nothing is proved.
         tell: Called with what is done next, and at first with how long all may take.
 
     Raises:

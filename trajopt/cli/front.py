@@ -52,11 +52,7 @@ def front(
     ] = None,
     time_limit: Annotated[
         float,
-        number(
-            "CPU seconds to search for each proof (its check: two to three times that); 0: none.",
-            least=0,
-            most=MAX_SECONDS,
-        ),
+        number("CPU seconds for the proof of each point; 0: none.", least=0, most=MAX_SECONDS),
     ] = 60.0,
     planner: list[str] | None = None,
     output: Path = Path("results"),

@@ -182,24 +182,16 @@ def _corrected(
                 coefficients = polynomials.plus(coefficients, added)
                 changed = True
             continue
-
-        def corrections(
-            of_joints: list[slice] = parts, order: int = order
-        ) -> Iterator[tuple[slice, slice, Array]]:
-            for some in of_joints:
-                jumps = _jumps_up_to(order, problem, layout, some)
-                for pieces, added in _cancelling(layout, missed[:, some], jumps):
-                    yield some, pieces, added
-
+        # Made twice, once to be judged and once to be added: together they would be a motion's size.
         if at_limits or not all(
             _is_negligible(added, layout, problem, some, pieces)
-            for some, pieces, added in corrections()
+            for some, pieces, added in _added_in_parts(order, problem, layout, parts, missed)
         ):
             changed = True
             rows = 2 * order + 2
             if len(coefficients) < rows:
                 coefficients = polynomials.plus(coefficients, np.zeros((rows, 1, 1)))
-            for some, pieces, added in corrections():
+            for some, pieces, added in _added_in_parts(order, problem, layout, parts, missed):
                 coefficients[-rows:, pieces, some] += added
     if at_limits:
         before = coefficients
@@ -501,6 +493,16 @@ def _added(layout: _Layout, corrected: Bools, missed: Array, jumps: list[Array])
     for pieces, own in _cancelling(layout, missed[:, corrected], of_joints):
         added[:, pieces, corrected] = own
     return added
+
+
+def _added_in_parts(
+    order: int, problem: Problem, layout: _Layout, parts: Sequence[slice], missed: Array
+) -> Iterator[tuple[slice, slice, Array]]:
+    """Yield the corrections of a long motion: which joints, which pieces, and the polynomials."""
+    for some in parts:
+        jumps = _jumps_up_to(order, problem, layout, some)
+        for pieces, added in _cancelling(layout, missed[:, some], jumps):
+            yield some, pieces, added
 
 
 def _parts(layout: _Layout, chosen: Bools | None = None) -> list[slice]:
