@@ -182,7 +182,7 @@ def _corrected(
                 coefficients = polynomials.plus(coefficients, added)
                 changed = True
             continue
-        # Made twice, once to be judged and once to be added: together they would be a motion's size.
+        # Made twice, to be judged and to be added: kept, they would be as large as the motion.
         if at_limits or not all(
             _is_negligible(added, layout, problem, some, pieces)
             for some, pieces, added in _added_in_parts(order, problem, layout, parts, missed)
