@@ -60,7 +60,10 @@ _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 MAX_DILATION = 2.0
 _NEGLIGIBLE = 1e-14  # excess over the limits for which a motion is planned within them
 _KEPT_SHARE = 0.45  # a motion uses at most this share of the excess that the judge allows
-_WIDER = (1e-9, 1e-8)  # shares by which limits are wider at first, for an interval of a single time
+# Shares by which limits are wider at first, for an interval of a single time. Where the limits of
+# several joints meet in it, the descent needs the largest.
+_WIDER = (1e-9, 1e-8, 1e-6)
+_BORDER_EXCESS = 1e-8  # over the limits, of a time that rounding of several joints' borders moved
 MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
 DILATION_TOL = 1e-15
 # A velocity that is closer to its limit than this is set to the limit: the duration changes by the
@@ -375,7 +378,7 @@ def _of_one_segment(scaled: Passing) -> LocalOptimum | None:
     none = np.zeros((0, scaled.h.shape[1]))
     for time in gaps.borders(scaled):
         near = np.array([time])
-        if instants.excess(scaled, near, none) < max(_WIDER):
+        if instants.excess(scaled, near, none) < _BORDER_EXCESS:
             # rounding moves the borders of several joints apart
             own, _ = instants.sharpened(scaled, near, none)
             (found,) = _reached(Abreast([scaled]), own[None], none[None], MAX_BORDER_DILATION)

@@ -65,6 +65,8 @@ def test_an_optimum_that_another_method_knows(case):
         # guesses in the times of stopping lead to motions 30 and 105 % too long
         (30, 3.6315851360233564),
         (88, 1.2588770581455684),
+        # its first part ends with a segment of one single time, by the limits of three joints
+        (32684, 1.919045256573567),
         # 24 ms before its end a joint leaves the edge of its box: once 48 % too long
         pytest.param(5590, 4.350779224084628, marks=pytest.mark.long),
     ],
