@@ -142,7 +142,7 @@ class Retiming:
 
     @cached_property
     def leaves(self) -> float | None:
-        """How far the certified motion leaves the path at most, rad (or m).
+        """The largest distance of the certified motion from the path, rad (or m).
 
         The motion is composed with the path exactly. This is what the verifier's repair changed,
         and rounding.

@@ -20,7 +20,7 @@ from trajopt.core.arrays import Array
 
 # Shortest segment, relative to equal ones: shorter ones gain less than 1e-3.
 _SHORTEST_SHARE = 1e-4
-# What is left of the time is shared out; less than this of it is nothing.
+# A remaining time below this share of the duration counts as none; else it is shared out.
 _LEAST_SHARE = 1e-9
 # A descent that stalls among segments of very different lengths goes on when it begins anew.
 _DESCENTS = 4

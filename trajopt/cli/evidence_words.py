@@ -18,7 +18,7 @@ _SHOWN = f"{100 * EXCESS:g} %"
 _COLUMNS = ("at least", "motion uses", "raw spline", "widths alone", f"{_SHOWN} shows in")
 _MOST_PREMISES = 3  # of more, only those with the widest and the narrowest widths are printed
 _MOST_TIMES = 4
-_DIFFERS = 1.1  # ratio of two readings above which a line says so
+_DIFFERS = 1.1  # two readings that differ by a larger ratio get a line
 _WHOLE_BITS = 1e-3
 _COUNTS = ("no", "one", "two", "three", "four")
 

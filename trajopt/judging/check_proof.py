@@ -233,7 +233,7 @@ class ExactFall(NamedTuple):
 
 @dataclass(frozen=True)
 class ExactProblem:
-    """What every motion must do. Limits are sizes: of both signs, above 0.
+    """What every motion must do. A limit is two positive sizes, one for each direction.
 
     Attributes:
         waypoints: (waypoints, joints).

@@ -53,8 +53,8 @@ UNEVEN = 1e4  # most times that a segment takes another's time, for that bound
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
 MAX_ATTEMPTS = 8
-_MOST_CELLS = 200_000  # pieces times joints that are corrected at once
-_BLOCK = 20_000  # of a longer motion: pieces of one joint
+_MOST_CELLS = 200_000  # pieces times joints; a longer motion is corrected joint by joint,
+_BLOCK = 20_000  # so many pieces at once
 # A segment is brief if it takes less than this share of the time of both its neighbours.
 BRIEF_RTOL = 1e-3
 

@@ -40,7 +40,7 @@ _LIMIT_SHARE = 0.98
 _TRIED = 600
 _BORDER_TRIED = 2000
 _HALVINGS = 60
-_TINY = 1e-300  # of a joint that rests
+_TINY = 1e-300  # in place of the velocity 0 of a joint that rests
 # The longest time that is tried, relative to the time in which every joint can stop.
 _LONGEST = 4.0
 

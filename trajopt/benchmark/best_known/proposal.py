@@ -63,7 +63,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """What proposed motions and proofs of a problem, its candidates, change in its record.
+    """The change of a problem's record by its candidates, the proposed motions and proofs.
 
     Attributes:
         problem: The candidates' problem.
