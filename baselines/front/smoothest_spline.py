@@ -20,7 +20,7 @@ from trajopt.core.arrays import Array
 
 # Shortest segment, relative to equal ones: shorter ones gain less than 1e-3.
 _SHORTEST_SHARE = 1e-4
-# A remaining time below this share of the duration counts as none; else it is shared out.
+# Least share that a segment gets of the time that the shortest segments leave.
 _LEAST_SHARE = 1e-9
 # A descent that stalls among segments of very different lengths goes on when it begins anew.
 _DESCENTS = 4
