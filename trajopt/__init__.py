@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from trajopt.core.solution import Status as Status
     from trajopt.core.trajectory import Trajectory as Trajectory
     from trajopt.judgement import judge as judge
+    from trajopt.judging.certificate import Certificate as Certificate
+    from trajopt.judging.certificate import Tolerance as Tolerance
     from trajopt.judging.together import verify_many as verify_many
-    from trajopt.judging.verification import Certificate as Certificate
-    from trajopt.judging.verification import Tolerance as Tolerance
     from trajopt.judging.verification import verify as verify
     from trajopt.planners.planner import Planner as Planner
     from trajopt.planners.planner import Relation as Relation
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _MODULE = {
-    "Certificate": "judging.verification",
+    "Certificate": "judging.certificate",
     "InvalidInput": "core.exceptions",
     "InvalidTrajectory": "core.exceptions",
     "Limits": "core.problem",
@@ -53,7 +53,7 @@ _MODULE = {
     "Solution": "core.solution",
     "Status": "core.solution",
     "StoreError": "core.exceptions",
-    "Tolerance": "judging.verification",
+    "Tolerance": "judging.certificate",
     "Trajectory": "core.trajectory",
     "TrajoptError": "core.exceptions",
     "UnitWarning": "core.exceptions",

@@ -45,13 +45,14 @@ from trajopt.explain.references import BUG_RTOL, REFINED_RTOL
 from trajopt.formats.motion import Motion, of_samples
 from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
+from trajopt.judging.certificate import Certificate, Worst
 from trajopt.judging.ends import Standing, standing, standing_of, states
 from trajopt.judging.evidence import DEFAULT_WINDOW_S, Evidence
 from trajopt.judging.evidence import passing as through
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.smoothness import Smoothness, of_certified, smoothness
 from trajopt.judging.turns import unwrapped
-from trajopt.judging.verification import Certificate, Worst, hand_over, verify
+from trajopt.judging.verification import hand_over, verify
 from trajopt.planners.planner import Planner
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.route import State
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import Tolerance
+from trajopt.judging.certificate import Tolerance
 from trajopt.planners.planner import Planner
 from trajopt.planners.reductions import EQUAL_WAYPOINTS, reduced
 

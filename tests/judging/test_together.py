@@ -12,8 +12,8 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk.planner import ExactJerk
 from trajopt import InvalidTrajectory, Limits, Problem, Trajectory, verify
 from trajopt.judging import together
+from trajopt.judging.certificate import Certificate
 from trajopt.judging.together import verify_many
-from trajopt.judging.verification import Certificate
 
 JOINTS = 3
 

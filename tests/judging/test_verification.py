@@ -22,7 +22,8 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import repair, verification
-from trajopt.judging.verification import Tolerance, certified, verify
+from trajopt.judging.certificate import Tolerance
+from trajopt.judging.verification import certified, verify
 from trajopt.planners import spline353
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=60)

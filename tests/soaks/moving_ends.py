@@ -30,7 +30,8 @@ from soaks import soak_report
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import Tolerance, certified, verify
+from trajopt.judging.certificate import Tolerance
+from trajopt.judging.verification import certified, verify
 
 CERTIFIED_BELOW = 1e-9  # a smaller amount below the optimum, relative, is rounding
 WIDE = Tolerance(position=1e9, position_limit=1e9, jump=1e9)

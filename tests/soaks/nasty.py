@@ -30,6 +30,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging import verification
+from trajopt.judging.certificate import Certificate
 from trajopt.planners.planner import Planner
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [1.0]), "one joint, 1 rad")
@@ -101,7 +102,7 @@ def honest(problem: Problem) -> Trajectory:
     return Trajectory(np.array([0.0, half, OPTIMUM]), pieces, np.array([0.0, OPTIMUM]))
 
 
-def forged(problem: Problem, trajectory: Trajectory, *_: Any) -> verification.Certificate:
+def forged(problem: Problem, trajectory: Trajectory, *_: Any) -> Certificate:
     """Return a certificate that accepts any motion."""
     certificate = _VERIFY(PROBLEM, honest(PROBLEM))
     return replace(certificate, duration=trajectory.duration, dilation=0.5)

@@ -28,7 +28,8 @@ from experiments.common.output import save_table, say
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
-from trajopt.judging.verification import Tolerance, verify
+from trajopt.judging.certificate import Tolerance
+from trajopt.judging.verification import verify
 from trajopt.planners.objective import Objective
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load

@@ -24,8 +24,9 @@ from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.certificate import Tolerance
 from trajopt.judging.repair import repaired
-from trajopt.judging.verification import Tolerance, certified, verify
+from trajopt.judging.verification import certified, verify
 
 BELOW = 1e-9  # relative to the optimum
 WIDE = Tolerance(position=1e9, position_limit=1e9, jump=1e9)

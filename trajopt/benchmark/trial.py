@@ -37,9 +37,10 @@ from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.tables import check_length
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.certificate import Certificate
 from trajopt.judging.smoothness import Smoothness, of_certified
 from trajopt.judging.together import verify_many
-from trajopt.judging.verification import Certificate, certified, fits, verify
+from trajopt.judging.verification import certified, fits, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
 

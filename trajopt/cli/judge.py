@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import floor
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
 
 from trajopt import judgement
@@ -38,9 +36,9 @@ from trajopt.core.problem import Problem
 from trajopt.formats.motion import ARRAYS, TABLES
 from trajopt.formats.waypoints import ENDINGS
 from trajopt.judgement import Execution, Judgement
+from trajopt.judging.certificate import Certificate
 from trajopt.judging.ends import Standing
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
-from trajopt.judging.verification import Certificate
 from trajopt.views import race as page
 from trajopt.views.export import motion_file
 from trajopt.views.export.motion_file import Target
@@ -129,7 +127,7 @@ def judge(
     if found.braking is not None:
         print_braking(found.braking)
     if told is not found:
-        console.paragraph(f"{_unlike(told, found)}: {_mended(told.certificate)}")
+        console.paragraph(f"{_unlike(told, found)}: {' '.join(told.certificate.lines())}")
     for sentence in _durations(told, second=told is not found):
         console.paragraph(sentence)
     if explanation is not None:
@@ -233,7 +231,7 @@ def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
 
 
 def _print(found: Judgement) -> None:
-    verdict = "feasible" if found.certificate.feasible else "not feasible"
+    verdict = found.certificate.verdict
     if found.evidence is not None:
         verdict = f"{evidence_words.headline(found.evidence, found)}; {verdict}"
     console.headline(found.motion.name, f" on {found.problem.name}: ", verdict)
@@ -259,10 +257,8 @@ def _verdict(found: Judgement) -> Iterator[str]:
     else:
         pieces = len(found.trajectory.lengths)
         yield f"Executed with {pieces} {kind} pieces between its samples."
-    if certificate.flaws:
-        yield from unmendable(certificate, kind)
-    elif certificate.dilation < 1 or not certificate.feasible:
-        yield _mended(certificate)
+    yield " ".join(certificate.lines())
+    yield from advice(certificate, kind)
     if found.tolerance_needed:
         yield (
             f"It misses the problem's own waypoints, by less than {found.via_tolerance:g} "
@@ -287,37 +283,7 @@ def standing_words(found: Standing) -> str:
     return f"{stands}, and moves for {found.moving:.6g} s."
 
 
-def slower(certificate: Certificate) -> str:
-    """Say how much slower the motion keeps every limit, also as a planner's scaling factors."""
-    duration = certificate.dilation * certificate.duration
-    if certificate.motion is not None:
-        longer = f"{certificate.dilation:.6f} times as long, {duration:.6f} s"
-        return f"A motion {longer}, keeps every limit and the states at the ends."
-    factors = {
-        kind: floor(1e4 / certificate.dilation**order + 1e-5) / 1e4  # rounded down
-        for order, kind in enumerate(("velocity", "acceleration", "jerk"), start=1)
-        if getattr(certificate, kind) is not None
-    }
-    scaled = ", ".join(f"{kind} {factor:.4f}" for kind, factor in factors.items())
-    return (
-        f"Slowed down {certificate.dilation:.6f} times, to {duration:.6f} s, it keeps every limit. "
-        f"To plan it again, multiply the planner's limits: {scaled}."
-    )
-
-
-def _mended(certificate: Certificate) -> str:
-    """Say how much slower a motion must be, or how much faster it may be."""
-    if certificate.dilation < 1:
-        return f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
-    if certificate.feasible:
-        return "It keeps every limit."
-    return slower(certificate)
-
-
-def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:
-    """Yield sentences about the flaws that no dilation removes, and what to do about them."""
-    yield f"Slowing down does not help: {'; '.join(certificate.flaws)}."
-    if 1 < certificate.dilation < np.inf:
-        yield f"Besides, its limits need it {certificate.dilation:.6f} times as slow."
-    if interpolation in _ADVICE:
+def advice(certificate: Certificate, interpolation: str) -> Iterator[str]:
+    """Say what to do about flaws that come from how samples are joined."""
+    if certificate.flaws and interpolation in _ADVICE:
         yield _ADVICE[interpolation]

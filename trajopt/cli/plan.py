@@ -29,11 +29,12 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.formats import yaml_file
+from trajopt.judging.certificate import Certificate
 from trajopt.judging.smoothness import Smoothness, unit
-from trajopt.judging.verification import Certificate, verify
+from trajopt.judging.verification import verify
 from trajopt.views import table_cells
 from trajopt.views.export import motion_file
-from trajopt.views.export.motion_file import PICTURES, Executed, Points, Target, peak
+from trajopt.views.export.motion_file import PICTURES, Executed, Points, Target
 
 _CYCLE_S = 1e-3
 _PROOF_TIME_S = 1.0
@@ -214,7 +215,7 @@ def _written(target: Target, trial: Trial, executed: Executed | None, every: str
         f"{target.path}: {executed.points} points, {executed.duration:.6g} s "
         f"({100 * executed.longer:.2f} % longer, for whole cycles of {target.cycle:g} s). Read "
         f"again and executed with {executed.pieces} pieces it keeps {every}: "
-        f"{peak(certificate, trial)}. It passes every waypoint (to "
+        f"{certificate.peak(trial.problem)}. It passes every waypoint (to "
         f"{certificate.waypoint.value:.0e} {trial.problem.unit(certificate.waypoint.joint)})."
     )
 

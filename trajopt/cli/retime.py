@@ -27,7 +27,7 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.retiming import Retiming
 from trajopt.views.export import motion_file
-from trajopt.views.export.motion_file import Points, Target, peak
+from trajopt.views.export.motion_file import Points, Target
 from trajopt.views.figures import draw
 
 _ACCURACY = 1e-3
@@ -103,7 +103,7 @@ def retime(
     if executed_as is not None:
         console.paragraph(
             f"{out}: {executed_as.points} points, {executed_as.duration:.6g} s. Read again and "
-            f"executed it keeps every limit: {peak(executed_as.certificate, found.trial)}."
+            f"executed it keeps every limit: {executed_as.certificate.peak(found.trial.problem)}."
         )
     elif out is not None:
         console.line(f"{out} is written.")

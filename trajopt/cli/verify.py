@@ -20,7 +20,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, evidence_words, kinds
 from trajopt.cli.asked import NO_FLAGS, RobotFlags, RobotOptions
 from trajopt.cli.console import PlainTable
-from trajopt.cli.judge import check_log_out, slower, standing_words, unmendable, write_log_motion
+from trajopt.cli.judge import advice, check_log_out, standing_words, write_log_motion
 from trajopt.cli.parameters import (
     Commanded,
     Force,
@@ -44,7 +44,6 @@ from trajopt.formats.motion import ENDINGS, WITH_UNITS, Motion, motion, of_sampl
 from trajopt.formats.samples import known_as
 from trajopt.judgement import Execution, as_executed, taking_over
 from trajopt.judging.evidence import DEFAULT_WINDOW_S
-from trajopt.judging.verification import Certificate
 from trajopt.planners.rest_to_rest import step_times
 from trajopt.views import table_cells
 from trajopt.views.analysis.gap_reference import best
@@ -227,14 +226,9 @@ def _verify_motions(paths: Sequence[Path], judged: _Judged, out: Path | None, js
             told.append({"motion": path.name, "error": words})
             codes.append(2)
             continue
-        verdict = "feasible" if found.kept else "not feasible"
-        if found.evidence is not None:
-            verdict = str(found.evidence.verdict)
-        if found.certificate.flaws and not found.kept:
-            verdict += f": {found.certificate.flaws[0]}"
         uses = [found.certificate.uses.get(key) for key in ("velocity", "acceleration", "jerk")]
         shown = ["" if use is None else f"{use.value:.4f}" for use in uses]
-        table.row(path.name, verdict, f"{found.certificate.duration:.6g}", *shown)
+        table.row(path.name, _told_briefly(found), f"{found.certificate.duration:.6g}", *shown)
         told.append(found.as_dict())
         codes.append(1 if found.broken else 0)
     if json:
@@ -307,12 +301,10 @@ def _verify_episodes(paths: Sequence[Path], judged: _Judged, rate: float | None,
 
 
 def _told_briefly(found: Execution) -> str:
-    """Return the verdict on an episode, with the strongest proof where a limit is broken."""
+    """Return the verdict, with the first flaw, or the strongest proof where a limit is broken."""
     evidence = found.evidence
     if evidence is None:
-        verdict = "feasible" if found.kept else "not feasible"
-        flawed = found.certificate.flaws and not found.kept
-        return f"{verdict}: {found.certificate.flaws[0]}" if flawed else verdict
+        return found.certificate.reason
     proof = evidence.conviction
     if proof is None:
         return str(evidence.verdict)
@@ -450,8 +442,8 @@ def _warn_of_radians(found: Execution) -> None:
 
 
 def _print_execution(found: Execution, limits: str) -> None:
-    verdict = "feasible" if found.kept else "not feasible"
     certificate = found.certificate
+    verdict = certificate.verdict
     if certificate.acceleration is None:
         limits += ", accelerations not judged"
     if found.evidence is not None:
@@ -463,8 +455,7 @@ def _print_execution(found: Execution, limits: str) -> None:
             return
         console.paragraph(f"The motion within these widths, {certificate.duration:.6f} s:")
         if not certificate.feasible and found.evidence.verdict != "broken":
-            for sentence in _mended(certificate, "polynomial"):
-                console.paragraph(sentence)
+            console.paragraph(" ".join(certificate.lines()))
         for sentence in _at_ends(found):
             console.paragraph(sentence)
         print_worst(certificate, found.problem)
@@ -472,7 +463,7 @@ def _print_execution(found: Execution, limits: str) -> None:
     pieces = len(found.motion.trajectory.lengths)
     kind = found.motion.interpolation
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
-    for sentence in [*_mended(certificate, kind), *_at_ends(found)]:
+    for sentence in [" ".join(certificate.lines()), *advice(certificate, kind), *_at_ends(found)]:
         console.paragraph(sentence)
     print_smoothness(found.smoothness, found.problem)
     print_worst(certificate, found.problem)
@@ -495,20 +486,6 @@ def _at_ends(found: Execution) -> Iterator[str]:
         yield f"It {said}{': no problem was stated that forbids it' if found.cut else ''}."
     if found.standing:
         yield standing_words(found.standing)
-
-
-def _mended(certificate: Certificate, interpolation: str) -> Iterator[str]:
-    if certificate.flaws:
-        yield from unmendable(certificate, interpolation)
-        return
-    fastest = certificate.dilation * certificate.duration
-    if certificate.feasible and certificate.dilation == 1:
-        yield "It keeps every limit."
-    elif certificate.feasible:
-        faster = 1 / certificate.dilation
-        yield f"Time-scaled it could run {faster:.6f} times as fast, in {fastest:.6f} s."
-    else:
-        yield slower(certificate)
 
 
 def _print(found: Verification) -> None:

@@ -21,7 +21,8 @@ from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import Certificate, certified
+from trajopt.judging.certificate import Certificate
+from trajopt.judging.verification import certified
 
 # If all jumps of a joint's derivative together are smaller than this, they are rounding. They count
 # relative to the joint's limit times the largest use of a limit by any joint. So neither a dilation

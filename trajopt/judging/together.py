@@ -23,12 +23,11 @@ from trajopt.core.limits.peaks import peaks, ratio, use
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import is_brief
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.certificate import Certificate, Tolerance
 from trajopt.judging.repair import NEGLIGIBLE_USE, Corrections
 from trajopt.judging.verification import (
     MENDED,
     Allowed,
-    Certificate,
-    Tolerance,
     allowed_errors,
     check_sizes,
     verify,

@@ -8,8 +8,7 @@ computes its own worst use (`trajopt.core.limits`); this module names no kind of
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,11 +16,12 @@ from trajopt.core import dwell, polynomials
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.demand import END_STATES
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, WrongType, shown
-from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
+from trajopt.core.limits import KINDS, Use
 from trajopt.core.limits.limit import where
 from trajopt.core.problem import Problem, check_problem
 from trajopt.core.rounding import KEPT_RTOL, of_states
 from trajopt.core.trajectory import EPS, Trajectory
+from trajopt.judging.certificate import NEARLY_FEASIBLE_RTOL, Certificate, Tolerance, Worst
 from trajopt.judging.passing import within_tolerance
 from trajopt.judging.repair import is_repairable, repaired
 
@@ -30,182 +30,11 @@ _JUDGED = (
     *("dwell", "closed", "tolerance"),
 )
 GIVEN_RTOL = 1e-9  # a smaller difference from a segment's given time, relative, is rounding
-NEARLY_FEASIBLE_RTOL = 1e-3  # a smaller dilation is due to rounding and tolerances of solvers
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 # A smaller excess after the dilation of another limit, relative, is due to bounds of the use.
 _AGAIN_RTOL = 1e-7
 # Limits whose excess a dilation mends, whatever it is: they add no flaw.
 MENDED = frozenset({"velocity", "acceleration", "jerk"})
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """The largest misses and jumps that are repaired.
-
-    A miss within tolerance is repaired, and the repaired trajectory is certified. A larger miss is
-    a flaw.
-
-    Attributes:
-        limit: excess over velocity, acceleration and jerk limits that counts as none, relative.
-        position: misses of waypoints and jumps of position, relative to the joint's largest
-            displacement.
-        position_limit: excess over a position limit, relative to the joint's largest displacement.
-        jump: jumps of velocity and acceleration at the breaks, relative to the largest values that
-            the joint can reach in its largest displacement `h`: `min(V, sqrt(A h))` and
-            `min(A, cbrt(J² h))`.
-        bridge: s. A jump is also repaired if it is smaller than the change that the next limit
-            allows in this time: `V` times it for position, `A` for velocity, `J` for acceleration.
-    """
-
-    limit: float = 1e-6
-    position: float = 1e-6
-    position_limit: float = 1e-8
-    jump: float = 1e-6
-    bridge: float = 1e-6
-
-
-@dataclass(frozen=True)
-class Worst:
-    """The worst miss of a waypoint, or the worst jump.
-
-    Attributes:
-        value: in SI units of the derivative of this `order`.
-        joint: counted from 0.
-        time: s.
-        order: of the derivative that jumps.
-    """
-
-    value: float
-    joint: int
-    time: float
-    order: int = 0
-
-
-@dataclass(frozen=True, repr=False)
-class Certificate:
-    """The result of `verify`.
-
-    Uses of limits are measured on the repaired trajectory, or on the given one where no repair is
-    possible. `waypoint`, `continuity` and the uses of position limits are measured on the given
-    one.
-
-    Attributes:
-        duration: of the given trajectory, s.
-        dilation: the least factor `k` that brings the trajectory within its limits (section 2).
-            Below 1, the trajectory could be faster. Infinite where no factor does.
-        uses: the worst use of each limit that is judged, by its key.
-        flaws: errors that neither repair nor dilation can remove, in words. With a flaw there is no
-            certified duration.
-        tolerance: the tolerance used.
-        least_times: least time over time taken, for the segment, or the whole motion, where this
-            is largest, and when that begins; None where the problem has no least times.
-        motion: the longer motion that has the certified duration, where a dilation would change
-            the states at the ends; None elsewhere, and in a stored certificate.
-        judged: the motion that was judged, repaired where it missed within tolerance; None in a
-            stored certificate.
-    """
-
-    duration: float
-    dilation: float
-    uses: Mapping[str, Use]
-    waypoint: Worst
-    continuity: Worst
-    flaws: tuple[str, ...]
-    tolerance: Tolerance
-    least_times: Use | None = None
-    rounded: float | None = field(default=None, compare=False)
-    motion: Trajectory | None = field(default=None, compare=False)
-    judged: Trajectory | None = field(default=None, compare=False)
-
-    @property
-    def velocity(self) -> Use:
-        return self.uses["velocity"]
-
-    @property
-    def acceleration(self) -> Use | None:
-        """Return the worst use of the acceleration limits; None where they are not judged."""
-        return self.uses.get("acceleration")
-
-    @property
-    def jerk(self) -> Use | None:
-        """Return the worst use of the jerk limits; None where there are none."""
-        return self.uses.get("jerk")
-
-    @property
-    def position(self) -> Use | None:
-        """Return the worst excess over the position limits, rad; below 0 it is a margin."""
-        return self.uses.get("position")
-
-    @property
-    def ratios(self) -> dict[str, Use]:
-        """Return every use that is a ratio, 1 at the limit, by its key; also of least times."""
-        found = {key: use for key, use in self.uses.items() if KINDS[key].is_ratio}
-        if self.least_times is not None:
-            found["least_times"] = self.least_times
-        return found
-
-    @property
-    def valid(self) -> bool:
-        return not self.flaws
-
-    @property
-    def feasible(self) -> bool:
-        """Return whether the trajectory keeps every limit without dilation, within tolerance."""
-        ratios = [use.value for use in self.ratios.values()]
-        return self.valid and max(ratios, default=0.0) <= 1 + self.tolerance.limit
-
-    @property
-    def nearly_feasible(self) -> bool:
-        """Return whether the dilation is within the tolerances of solvers.
-
-        A planner that ignores a limit usually needs more.
-        """
-        return self.valid and self.dilation <= 1 + NEARLY_FEASIBLE_RTOL
-
-    @property
-    def certified_duration(self) -> float | None:
-        """`max(1, dilation) · duration` in seconds, or `None` if there is a flaw."""
-        if not self.valid:
-            return None
-        return max(1.0, self.dilation) * self.duration
-
-    @property
-    def certified_motion(self) -> Trajectory | None:
-        """The motion of the certified duration; None with a flaw, and in a stored certificate."""
-        if not self.valid or self.judged is None:
-            return None
-        if self.motion is not None or self.dilation <= 1:
-            return self.judged
-        return self.judged.dilated(self.dilation)
-
-    def __repr__(self) -> str:
-        if not self.valid:
-            return f"Certificate(invalid: {'; '.join(self.flaws)})"
-        verdict = "feasible" if self.feasible else "not feasible"
-        return (
-            f"Certificate({verdict}, {self.duration:.6g} s claimed, dilation {self.dilation:.6g}, "
-            f"{self.certified_duration:.6g} s certified)"
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the certificate for JSON: joints count from 1; a `ratio` or an `error` each.
-
-        A kind of limit is None where the problem does not have it, or it is not judged.
-        """
-        table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
-        for key in dict.fromkeys((*LIMIT_NAMES, *self.uses)):
-            use = self.uses.get(key)
-            word = "ratio" if KINDS[key].is_ratio else "error"
-            table[key] = None
-            if use is not None:
-                joint = None if use.joint is None else use.joint + 1
-                table[key] = {word: use.value, "joint": joint, "time": use.time}
-        for key, worst in {"waypoint": self.waypoint, "continuity": self.continuity}.items():
-            table[key] = {"error": worst.value, "joint": worst.joint + 1, "time": worst.time}
-        table["continuity"]["order"] = self.continuity.order
-        if self.least_times is not None:
-            table["least_times"] = {"ratio": self.least_times.value, "time": self.least_times.time}
-        return table
 
 
 def verify(

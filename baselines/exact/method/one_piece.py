@@ -21,7 +21,8 @@ from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import Rounding, of_states
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import Certificate, verify
+from trajopt.judging.certificate import Certificate
+from trajopt.judging.verification import verify
 
 # Times that differ by less, relative, are one: the first whose motion needs no rounding is taken.
 SAME_RTOL = 1e-9

@@ -43,7 +43,7 @@ from trajopt.core.harmless import harmless
 from trajopt.core.limits import KINDS, LIMIT_NAMES, Use
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
-from trajopt.judging.verification import Certificate, Tolerance, Worst
+from trajopt.judging.certificate import Certificate, Tolerance, Worst
 from trajopt.planners.planner import Relation
 
 SCHEMA = 4  # raise it whenever a reader of this version could misread a text or `results.h5`

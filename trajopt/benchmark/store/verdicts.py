@@ -20,7 +20,7 @@ from trajopt.core.exceptions import TrajoptError
 from trajopt.core.limits import KINDS
 from trajopt.core.solution import Status
 from trajopt.explain.references import PROVERS
-from trajopt.judging.verification import Certificate
+from trajopt.judging.certificate import Certificate
 
 DURATION_RTOL = 1e-9  # between a stated duration and the computed one
 CERTIFICATE_RTOL = 1e-6  # between a certificate's uses of limits

@@ -21,7 +21,6 @@ from trajopt.benchmark.store.document import trajectory_table
 from trajopt.benchmark.store.folder import save
 from trajopt.benchmark.trial import Trial, trials_of
 from trajopt.core.exceptions import InvalidInput, StoreError, WrongType, shown
-from trajopt.core.limits import KINDS
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, on_cycle, samples_csv
@@ -29,7 +28,8 @@ from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.on_cycle import OnCycle
 from trajopt.formats.samples import Samples
 from trajopt.judgement import Execution, GivenMotion, passing
-from trajopt.judging.verification import Certificate, verify
+from trajopt.judging.certificate import Certificate
+from trajopt.judging.verification import verify
 from trajopt.views.analysis.gap_reference import best
 
 Points = Literal["breaks", "cycles"]
@@ -264,7 +264,7 @@ def _write_executed(target: Target, trial: Trial) -> Executed:
         content = written.read_bytes()
     executed = _judged(trial, trajectory, motion, back)
     if not executed.certificate.feasible:
-        why = "; ".join(executed.certificate.flaws) or peak(executed.certificate, trial)
+        why = "; ".join(executed.certificate.flaws) or executed.certificate.peak(trial.problem)
         raise StoreError(f"{target.path}: not written: executed, {why}")
     atomic.write(target.path, lambda file: file.write_bytes(content))
     return executed
@@ -286,11 +286,3 @@ def _judged(trial: Trial, planned: Trajectory, motion: OnCycle, samples: Samples
         longer=executed.duration / planned.duration - 1,
         certificate=verify(trial.problem, executed),
     )
-
-
-def peak(certificate: Certificate, trial: Trial) -> str:
-    """The highest use of a limit, in words."""
-    ratios = {key: use for key, use in certificate.ratios.items() if key in KINDS}
-    key, use = max(ratios.items(), key=lambda item: item[1].value)
-    words = f"its peak is {use.value:.5f} of the {KINDS[key].name()} limit"
-    return words if use.joint is None else f"{words} of {trial.problem.joint_labels[use.joint]}"
