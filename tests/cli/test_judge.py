@@ -279,7 +279,10 @@ def test_a_motion_made_without_jerk_limits_is_judged_without_them_too(run, tmp_p
     told = " ".join(out.split())
     assert code == 1
     assert "Slowing down does not help: joint 1 at 1 s: acceleration jumps by 2 rad/s²" in told
-    assert "jerk limits: It could run 2.000000 times as fast within every limit, in 1.000000 s." in told
+    assert (
+        "jerk limits: It could run 2.000000 times as fast within every limit, in 1.000000 s."
+        in told
+    )
     assert "takes 2.0000 s on jerky without jerk limits, 2.000 times the best known" in told
     code, out, _ = run("judge slow.csv jerky.toml --json")
     found = json.loads(out)

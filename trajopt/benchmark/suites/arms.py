@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from trajopt.benchmark.suites import robots
-from trajopt.benchmark.suites.suite import Suite
+from trajopt.benchmark.suites.suite import Suite, source
 from trajopt.core import built_in
 from trajopt.core.limits import Acceleration, Limits
 from trajopt.core.problem import Problem
@@ -99,7 +99,7 @@ def _made(name: str, asked: str) -> Problem:
         problem,
         limits=Limits(**problem.limits.kinds, **_ASKED[asked]),
         name=f"arms-{name}-{asked}",
-        source=f"trajopt.benchmark.suites.arms, version {VERSION}",
+        source=source("arms", f"version {VERSION}"),
         chain=chain,
     )
 

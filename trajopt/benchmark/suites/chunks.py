@@ -19,7 +19,7 @@ from itertools import count
 
 import numpy as np
 
-from trajopt.benchmark.suites.suite import Suite
+from trajopt.benchmark.suites.suite import Suite, source
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -73,9 +73,8 @@ def targets(kind: str, number: int, size: int = TARGETS, joints: int = JOINTS) -
 def problem(kind: str, number: int) -> Problem:
     """Return the problem of a chunk: from rest to rest through its targets, as fast as can be."""
     limits = Limits([VELOCITY] * JOINTS, [ACCELERATION] * JOINTS)
-    source = f"trajopt.benchmark.suites.chunks, version {VERSION}"
-    name = f"chunks-{kind}-{number}"
-    return Problem(targets(kind, number), limits, name, source, tolerance=TOLERANCE)
+    name, where = f"chunks-{kind}-{number}", source("chunks", f"version {VERSION}")
+    return Problem(targets(kind, number), limits, name, where, tolerance=TOLERANCE)
 
 
 def _stream() -> Iterator[Problem]:

@@ -7,13 +7,12 @@ every machine.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from trajopt.benchmark.suites import families
-from trajopt.benchmark.suites.suite import made_and_drawn
+from trajopt.benchmark.suites.suite import closed_forms, made_and_drawn
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -47,21 +46,13 @@ _CLOSED_FORMS: dict[str, tuple[Any, Limits, dict[str, Any]]] = {
 }
 
 
-def _closed_form(key: str) -> Problem:
-    waypoints, limits, demands = _CLOSED_FORMS[key]
-    return Problem(waypoints, limits, f"demands-{key}", _source("closed form"), demands=demands)
-
-
 def draw(index: int) -> Problem:
     """Draw random problem number `index`: 1 to 4 joints, 3 to 6 waypoints."""
-    number, kind = divmod(index, len(KINDS))
-    base = families.by_turns(number, fewest_waypoints=3)
+    kinds = len(KINDS)
+    base = families.for_suite("demands", VERSION, index, fewest_waypoints=3, kinds=kinds, digits=3)
     rng = np.random.default_rng([VERSION, 50, index])
-    family = families.of_turn(number)
-    source = _source(f"random family {family}, version {VERSION}, index {index}")
-    points, demand = _demand(KINDS[kind], base, rng)
-    name = f"demands-random-{index:03}"
-    return replace(base, name=name, source=source, waypoints=points, demands=demand)
+    points, demand = _demand(KINDS[index % kinds], base, rng)
+    return replace(base, waypoints=points, demands=demand)
 
 
 def _demand(kind: str, base: Problem, rng: np.random.Generator) -> tuple[Array, dict[str, Any]]:
@@ -91,15 +82,11 @@ def _short(number: float) -> float:
     return float(f"{np.ceil(number / unit - 1e-6) * unit:.3g}")
 
 
-def _source(words: str) -> str:
-    return f"trajopt.benchmark.suites.demands, {words}"
-
-
 SUITE = made_and_drawn(
     "demands",
     "problems of times, waits, loops and waypoints within tolerance",
     VERSION,
-    {key: partial(_closed_form, key) for key in _CLOSED_FORMS},
+    closed_forms("demands", _CLOSED_FORMS),
     draw,
     RANDOM,
 )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+from trajopt.benchmark.suites.suite import source
 from trajopt.core import built_in, files
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -40,5 +41,5 @@ def _made(key: str) -> Problem:
         waypoints,
         Limits(**limits),
         name=f"edges-{key}",
-        source=f"trajopt.benchmark.suites.edges, degenerate on purpose: {description}",
+        source=source("edges", f"degenerate on purpose: {description}"),
     )

@@ -13,13 +13,14 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import numpy as np
 
+from trajopt.benchmark.suites.suite import source
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.limits import Limits
@@ -84,30 +85,36 @@ def draw(
         path,
         limits,
         name=f"random-{family}-j{n}-w{w}{ending}-{index:02}",
-        source=(
-            f"trajopt.benchmark.suites.families, random family {family}, "
-            f"version {VERSION}, index {index}"
-        ),
+        source=source("families", f"random family {family}, version {VERSION}, index {index}"),
     )
 
 
-def of_turn(turn: int) -> str:
-    """Return the name of the family whose turn it is in alphabetical order."""
-    return sorted(FAMILIES)[turn % len(FAMILIES)]
-
-
-def by_turns(turn: int, *, fewest_waypoints: int) -> Problem:
-    """Draw a problem for another suite to add its demands to, the sizes by turns too.
+def for_suite(
+    suite: str, version: int, index: int, *, fewest_waypoints: int, kinds: int = 1, digits: int = 2
+) -> Problem:
+    """Draw a problem for another suite to add its demands to: families and sizes by turns.
 
     It has 1 to 4 joints and up to 6 waypoints; jerk limits are in every other one.
+
+    Args:
+        suite: Its name.
+        version: Of its problems.
+        index: Of the problem in it.
+        fewest_waypoints: 2 or 3.
+        kinds: How many problems follow each other that differ by their demands.
+        digits: Of the index in the problem's name, at least.
     """
-    return draw(
-        of_turn(turn),
+    turn = index // kinds
+    family = sorted(FAMILIES)[turn % len(FAMILIES)]
+    drawn = draw(
+        family,
         turn,
         joints=1 + turn // 2 % 4,
         waypoints=fewest_waypoints + turn // 8 % (7 - fewest_waypoints),
         jerk=turn % 2 == 1,
     )
+    words = f"random family {family}, version {version}, index {index}"
+    return replace(drawn, name=f"{suite}-random-{index:0{digits}}", source=source(suite, words))
 
 
 def stream(*families: str) -> Iterator[Problem]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.benchmark.suites.suite import made_and_drawn
+from trajopt.benchmark.suites.suite import made_and_drawn, source
 from trajopt.core import built_in
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
@@ -66,8 +66,8 @@ def draw(index: int) -> Problem:
     V, A = (np.round(rng.uniform(low, high, joints), 2) for low, high in ((0.5, 3), (1, 8)))
     J = np.round(A * rng.uniform(4, 30, joints), 1) if index % 2 else None
     base = Problem(np.round(np.cumsum(steps, axis=0), 4), Limits(V, A, J))
-    source = f"trajopt.benchmark.suites.mixes, version {VERSION}, index {index}"
-    return replace(mixed(base, rng, f"mixes-random-{index:02}"), source=source)
+    drawn = mixed(base, rng, f"mixes-random-{index:02}")
+    return replace(drawn, source=source("mixes", f"version {VERSION}, index {index}"))
 
 
 def mixed(base: Problem, rng: Generator, name: str) -> Problem:

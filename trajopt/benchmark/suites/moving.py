@@ -8,12 +8,11 @@ and end accelerating too, as far as velocity limits leave room for.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from trajopt.benchmark.suites import families
-from trajopt.benchmark.suites.suite import made_and_drawn
+from trajopt.benchmark.suites.suite import closed_forms, made_and_drawn
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -58,11 +57,6 @@ _CLOSED_FORMS = {
 }
 
 
-def _closed_form(key: str) -> Problem:
-    waypoints, limits, demands = _CLOSED_FORMS[key]
-    return Problem(waypoints, limits, f"moving-{key}", _source("closed form"), demands=demands)
-
-
 def _replanned() -> Problem:
     degree = np.pi / 180
     limits = Limits(degree * np.array(_VELOCITY), degree * np.array(_ACCELERATION))
@@ -75,7 +69,7 @@ def _replanned() -> Problem:
 
 def draw(index: int) -> Problem:
     """Draw random problem number `index`: 1 to 4 joints, 2 to 6 waypoints."""
-    base = families.by_turns(index, fewest_waypoints=2)
+    base = families.for_suite("moving", VERSION, index, fewest_waypoints=2)
     joints = base.joints
     rng = np.random.default_rng([VERSION, 51, index])
     demands: dict[str, Array] = {}
@@ -90,20 +84,14 @@ def draw(index: int) -> Problem:
             room = _MOST_ROOM * (V - np.abs(velocity))
             most = np.minimum(A, np.sqrt(2 * J * room))
             demands[f"{end}_acceleration"] = 0.5 * most * (2 * rng.random(joints) - 1)
-    family = families.of_turn(index)
-    source = _source(f"random family {family}, version {VERSION}, index {index}")
-    return replace(base, name=f"moving-random-{index:02}", source=source, demands=demands)
-
-
-def _source(words: str) -> str:
-    return f"trajopt.benchmark.suites.moving, {words}"
+    return replace(base, demands=demands)
 
 
 SUITE = made_and_drawn(
     "moving",
     "problems that begin or end in motion",
     VERSION,
-    {key: partial(_closed_form, key) for key in _CLOSED_FORMS} | {"replanned": _replanned},
+    closed_forms("moving", _CLOSED_FORMS) | {"replanned": _replanned},
     draw,
     RANDOM,
 )

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from trajopt.benchmark.suites import families
-from trajopt.benchmark.suites.suite import made_and_drawn
+from trajopt.benchmark.suites.suite import made_and_drawn, source
 from trajopt.core.arrays import Array
 from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
@@ -63,7 +63,9 @@ def _made(key: str) -> Problem:
         for name, own in zip(("velocity", "acceleration", "jerk"), sizes, strict=True)
         if own
     }
-    return Problem(waypoints, Limits(**limits), name=f"sections-{key}", source=_source(words))
+    return Problem(
+        waypoints, Limits(**limits), name=f"sections-{key}", source=source("sections", words)
+    )
 
 
 def _six_axis() -> Problem:
@@ -71,13 +73,13 @@ def _six_axis() -> Problem:
     velocity = np.tile(degree * np.array(_VELOCITY)[:, None] * [-1, 1], (3, 1, 1))
     velocity[1] *= _SLOWED
     limits = Limits(velocity, degree * np.array(_ACCELERATION))
-    source = "Ma et al. 2024, Machines 12(7):490 (CC BY), slower through its second segment"
-    return Problem(degree * np.array(_SIX_AXIS), limits, name="sections-six-axis", source=source)
+    paper = "Ma et al. 2024, Machines 12(7):490 (CC BY), slower through its second segment"
+    return Problem(degree * np.array(_SIX_AXIS), limits, name="sections-six-axis", source=paper)
 
 
 def draw(index: int) -> Problem:
     """Draw random problem number `index`: 1 to 4 joints, 3 to 6 waypoints."""
-    base = families.by_turns(index, fewest_waypoints=3)
+    base = families.for_suite("sections", VERSION, index, fewest_waypoints=3)
     rng = np.random.default_rng([VERSION, 52, index])
 
     def own(pairs: Array, least: float) -> Array:
@@ -90,13 +92,7 @@ def draw(index: int) -> Problem:
         own(known.jerk, _LEAST_ACCELERATION) if base.has("jerk") else None,
         known.position,
     )
-    family = families.of_turn(index)
-    source = _source(f"random family {family}, version {VERSION}, index {index}")
-    return replace(base, name=f"sections-random-{index:02}", source=source, limits=limits)
-
-
-def _source(words: str) -> str:
-    return f"trajopt.benchmark.suites.sections, {words}"
+    return replace(base, limits=limits)
 
 
 SUITE = made_and_drawn(

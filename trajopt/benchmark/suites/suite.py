@@ -6,8 +6,13 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.limits import Limits
 from trajopt.core.problem import Problem
 
 
@@ -37,6 +42,24 @@ class Suite:
         if size is not None and size < 1:
             raise InvalidInput("size", "1 or more", value=size)
         return list(itertools.islice(self.stream(), size or self.size))
+
+
+def source(suite: str, words: str) -> str:
+    """Return where a problem of a suite comes from, as its file says it."""
+    return f"trajopt.benchmark.suites.{suite}, {words}"
+
+
+def closed_forms(
+    suite: str, rows: Mapping[str, tuple[ArrayLike, Limits, Mapping[str, Any]]]
+) -> dict[str, Callable[[], Problem]]:
+    """Return what makes the problem of each key: of waypoints, limits and demands."""
+
+    def made(key: str) -> Problem:
+        waypoints, limits, demands = rows[key]
+        name, where = f"{suite}-{key}", source(suite, "closed form")
+        return Problem(waypoints, limits, name, where, demands=demands)
+
+    return {key: partial(made, key) for key in rows}
 
 
 def made_and_drawn(
