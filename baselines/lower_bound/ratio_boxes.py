@@ -4,7 +4,8 @@ With `r1 = t2/t1` and `r3 = t2/t3` every derivative of the quintic, times a powe
 of `1, r1, r3, r1², r3²` at each normalised instant. The cubics' jerk is one of `r1³, r3³`. The
 total time is `t2 (1 + 1/r1 + 1/r3)`. So a box of ratios holds no spline shorter than a cut-off if
 one limit at one instant needs a longer `t2` everywhere in the box. The boxes that prove this, in
-the order in which they are found, are the proof. It is checked without a solver.
+the order in which they are found, are the proof. What it proves, `check_spline353` says, in exact
+fractions.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import numpy as np
 from baselines.spline353_nlp import MovingSpline, Spline353NLP
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
-from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
+from trajopt.judging import proved_bounds
+from trajopt.judging.check_spline353 import FIRST_JERK, JERK, LAST_JERK, POSITION, ROWS
 from trajopt.planners import spline353
 
 # Exponents of `r1` and `r3` in the monomials.
@@ -57,14 +59,14 @@ class RatioProof:
 
     Attributes:
         cutoff: s, `(1,)`.
-        instants: Normalised instants of the quintic at which the limits count, `(instants,)`.
-        leaves: Round by round, a bit per box: proved (1) or halved (0). Eight bits are packed into
-            a number, `(bytes,)`.
+        rows: Kind, joint, side and normalised instant of each row that excludes a box, `(rows, 4)`.
+        steps: Round by round, a number per box: cut across the first or the last ratio (0 or 1), or
+            2 and the number of the row that excludes it, `(boxes,)`.
     """
 
     cutoff: Array
-    instants: Array
-    leaves: Array
+    rows: Array
+    steps: Array
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by the names under which a trial stores them."""
@@ -132,10 +134,12 @@ class _ImposedLimits(NamedTuple):
     Attributes:
         coefficients: Coefficients of the monomials, divided by the limit, `(rows, 7)`.
         orders: Orders of the derivatives, `(rows,)`; 0 for position.
+        origins: Kind, joint, side and instant of each, as in a proof, `(rows, 4)`.
     """
 
     coefficients: Array
     orders: Indices
+    origins: Array
 
 
 class Boxes(NamedTuple):
@@ -151,11 +155,14 @@ class Boxes(NamedTuple):
     def only(self, chosen: Bools) -> Boxes:
         return Boxes(self.low[chosen], self.high[chosen])
 
+    @property
+    def longer(self) -> Indices:
+        """Return which side of each box is longer, 0 or 1."""
+        return (self.high - self.low).argmax(axis=1)
+
     def halved(self) -> Boxes:
         """Return both halves of each box, across its longer side."""
-        width = self.high - self.low
-        longer = width.argmax(axis=1)
-        across = np.equal(longer[:, None], np.arange(2))
+        across = np.equal(self.longer[:, None], np.arange(2))
         upper = np.where(across, self.centre, self.low)
         lower = np.where(across, self.centre, self.high)
         return Boxes(np.concatenate([self.low, upper]), np.concatenate([lower, self.high]))
@@ -181,74 +188,70 @@ class Ratios:
             late: Returns whether the time limit is over.
         """
         if self.is_empty:
-            return SearchResult(self._proof(instants, []), None)
+            return SearchResult(self._proof([]), None)
         boxes = self.root
-        flags: list[Bools] = []
+        steps: list[tuple[Indices, Array]] = []
         while len(boxes.low):
             width = (boxes.high - boxes.low).max()
             if late() or width < _MIN_LOG_WIDTH or len(boxes.low) > _MAX_BOXES:
                 return SearchResult(None, None)
             rows = self._rows(instants)
-            proved = self._proved(rows, boxes)
-            flags.append(proved)
-            rest = boxes.only(~proved)
+            row = self._excluding(rows, boxes)
+            steps.append((np.where(row < 0, boxes.longer, ROWS), rows.origins[row]))
+            rest = boxes.only(row < 0)
             shorter, instants = self._exchanged(rows, rest.centre, instants)
             if shorter is not None:
                 return SearchResult(None, shorter)
             boxes = rest.halved()
-        return SearchResult(self._proof(instants, flags), None)
+        return SearchResult(self._proof(steps), None)
 
-    def check(self, proof: RatioProof) -> bool:
-        """Return whether the proof's boxes cover all ratios, and each one is proved."""
-        if self.is_empty:
-            return True
-        packed = proof.leaves.astype(np.uint8)
-        flags = np.unpackbits(packed).astype(bool)
-        rows = self._rows(proof.instants)
-        boxes = self.root
-        begin = 0
-        while len(boxes.low):
-            proved = flags[begin : begin + len(boxes.low)]
-            begin += len(boxes.low)
-            if len(proved) < len(boxes.low):
-                return False
-            if not self._proved(rows, boxes.only(proved)).all():
-                return False
-            boxes = boxes.only(~proved).halved()
-        return True
-
-    def _proof(self, instants: Array, flags: list[Bools]) -> RatioProof:
-        every = np.concatenate([*flags, np.zeros(0, dtype=bool)])
-        leaves = np.packbits(every).astype(float)
-        return RatioProof(np.array([self.cutoff]), instants, leaves)
+    def _proof(self, found: list[tuple[Indices, Array]]) -> RatioProof:
+        """Return the proof of the steps of all rounds, and of the row that each leaf has."""
+        steps = np.concatenate([np.zeros(0, dtype=int), *(step for step, _ in found)])
+        origins = np.concatenate([np.zeros((0, 4)), *(origin for _, origin in found)])
+        leaf = steps == ROWS
+        rows, number = np.unique(origins[leaf], axis=0, return_inverse=True)
+        steps[leaf] += number.ravel()
+        return RatioProof(np.array([self.cutoff]), rows, steps.astype(float))
 
     def _rows(self, instants: Array) -> _ImposedLimits:
         spline = self.spline
         d1, h, d3 = spline.displacements.T
         parts = np.stack([h, 3 * d1, 3 * d3, 6 * d1, -6 * d3], axis=-1)
         tables = []
-        orders = []
+        origins = []
+
+        def add(table: Array, kind: int, joints: Bools, side: int, at: Array) -> None:
+            tables.append(table)
+            at, joint = np.broadcast_arrays(at[:, None], np.flatnonzero(joints))
+            columns = np.broadcast_arrays(kind, joint.ravel(), side, at.ravel())
+            origins.append(np.stack(columns, axis=1).astype(float))
+
         bounds = (spline.limits.velocity, spline.limits.acceleration, spline.limits.jerk)
         for order, pairs in enumerate(bounds, start=1):
             rates = polynomials.derivative(_HERMITE, order)[:, None]
             basis = polynomials.evaluate(rates, instants[:, None])
             values = basis[:, None] * parts
-            for side in pairs.T:
-                finite = np.isfinite(side)
-                table = values[:, finite] / side[finite, None]
-                tables.append(_padded(table))
-                orders.append(order)
-                if order == 3:
-                    tables.append(_cubes(spline.displacements[finite], side[finite]))
-                    orders.append(order)
-        for table in self._position_tables(instants, parts):
-            tables.append(table)
-            orders.append(0)
-        counts = [len(table) for table in tables]
-        return _ImposedLimits(coefficients=np.concatenate(tables), orders=np.repeat(orders, counts))
+            for side, limits in enumerate(pairs.T):
+                finite = np.isfinite(limits)
+                add(
+                    _padded(values[:, finite] / limits[finite, None]), order, finite, side, instants
+                )
+                if order == JERK:
+                    for segment, kind in ((0, FIRST_JERK), (2, LAST_JERK)):
+                        cube = 6 * spline.displacements[finite, segment] / limits[finite]
+                        add(_cubes(cube, kind), kind, finite, side, np.zeros(1))
+        for side, (table, finite) in enumerate(self._position_tables(instants, parts)):
+            add(table, POSITION, finite, side, instants)
+        every = np.concatenate(origins)
+        orders = np.minimum(every[:, 0], JERK).astype(int)
+        return _ImposedLimits(np.concatenate(tables), orders, every)
 
-    def _position_tables(self, instants: Array, parts: Array) -> Iterator[Array]:
-        """Yield a position's distance beyond each limit, over the joint's largest displacement."""
+    def _position_tables(self, instants: Array, parts: Array) -> Iterator[tuple[Array, Bools]]:
+        """Yield a position's distance beyond each limit, over the joint's largest displacement.
+
+        Beside it stands which joints have that limit.
+        """
         room = self.spline.room
         if room is None:
             return
@@ -260,7 +263,7 @@ class Ratios:
             beyond = values[:, finite].copy()
             beyond[..., 0] -= side[finite]
             beyond *= sign / sizes[finite, None]
-            yield _padded(beyond)
+            yield _padded(beyond), finite
 
     def _exchanged(
         self, rows: _ImposedLimits, points: Array, instants: Array
@@ -303,16 +306,16 @@ class Ratios:
         powers[:, 0] = 0.0
         return powers
 
-    def _proved(self, rows: _ImposedLimits, boxes: Boxes) -> Bools:
-        """Return which boxes hold no spline shorter than the cut-off."""
-        parts = [np.zeros(0, dtype=bool)]
+    def _excluding(self, rows: _ImposedLimits, boxes: Boxes) -> Indices:
+        """Return the row by which a box holds no spline shorter than the cut-off; -1 without."""
+        parts = [np.zeros(0, dtype=int)]
         for begin in range(0, len(boxes.low), _BOXES_AT_ONCE):
             chosen = slice(begin, begin + _BOXES_AT_ONCE)
             some = Boxes(boxes.low[chosen], boxes.high[chosen])
-            parts.append(self._proved_at_once(rows, some))
+            parts.append(self._excluding_at_once(rows, some))
         return np.concatenate(parts)
 
-    def _proved_at_once(self, rows: _ImposedLimits, boxes: Boxes) -> Bools:
+    def _excluding_at_once(self, rows: _ImposedLimits, boxes: Boxes) -> Indices:
         """Bound each row from below by the mean value theorem.
 
         A row is a limit's sum of monomials minus the longest `t2` to the power of its order. It is
@@ -320,7 +323,9 @@ class Ratios:
         """
         at_centre = self._excess(rows, boxes.centre)
         # a row that is negative at every centre excludes none of these boxes
-        useful = (at_centre > 0).any(axis=0)
+        useful = np.flatnonzero((at_centre > 0).any(axis=0))
+        if not len(useful):
+            return np.full(len(boxes.low), -1)
         orders = rows.orders[useful]
         coefficients = rows.coefficients[useful].T
         sizes = np.abs(coefficients)
@@ -345,7 +350,9 @@ class Ratios:
             steepest = np.maximum(rise, fall)
             least -= steepest * half_width[:, side, None]
         rounded = monomials_high @ sizes + threshold_high[:, orders]
-        return np.any(least > _ROUNDING_RTOL * rounded, axis=1)
+        certain = least / rounded
+        best = certain.argmax(axis=1)
+        return np.where(certain.max(axis=1) > _ROUNDING_RTOL, useful[best], -1)
 
 
 def _shares(points: Array) -> Array:
@@ -369,22 +376,7 @@ def proved_bound(problem: Problem, proof: RatioProof) -> float:
     Raises:
         InvalidInput: The proof is not one of this problem, or the problem has not four waypoints.
     """
-    cutoff = proof.cutoff
-    instants = proof.instants
-    leaves = proof.leaves
-    inside = (instants >= 0) & (instants <= 1)
-    bytes_only = np.isin(leaves, np.arange(256))
-    usable = inside.all() and bytes_only.all() and len(instants) <= 2 * _MAX_INSTANTS
-    if not usable or cutoff.shape != (1,) or not 0 < cutoff[0] < np.inf:
-        raise InvalidInput("proof", "a cut-off, instants from 0 to 1, and leaves")
-    try:
-        with np.errstate(over="raise", under="raise", invalid="raise", divide="raise"):
-            holds = Ratios(MovingSpline.of(problem), float(cutoff[0])).check(proof)
-    except FloatingPointError as error:
-        raise InvalidInput("proof", "numbers within the range of arithmetic") from error
-    if not holds:
-        raise InvalidInput("proof", "boxes that cover all ratios, each of them proved")
-    return float(cutoff[0])
+    return proved_bounds.proved_spline353(problem, vars(proof))
 
 
 def _critical_instants(spline: MovingSpline, times: Array) -> Array:
@@ -437,9 +429,8 @@ def _padded(table: Array) -> Array:
     return np.pad(rows, ((0, 0), (0, 2)))
 
 
-def _cubes(displacements: Array, limits: Array) -> Array:
-    """Return rows of the jerk of both cubics: `6 d1 r1³` and `6 d3 r3³`, over the limit."""
-    rows = np.zeros((2 * len(limits), 7))
-    rows[: len(limits), 5] = 6 * displacements[:, 0] / limits
-    rows[len(limits) :, 6] = 6 * displacements[:, 2] / limits
+def _cubes(coefficients: Array, kind: int) -> Array:
+    """Return rows of a cubic's jerk: of `r1³` or `r3³`."""
+    rows = np.zeros((len(coefficients), len(_EXPONENTS)))
+    rows[:, 5 + kind - FIRST_JERK] = coefficients
     return rows

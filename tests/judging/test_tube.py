@@ -12,6 +12,7 @@ from scipy.optimize import linprog
 from trajopt.core.limits import Limits
 from trajopt.core.limits.peaks import peak, ratio
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging.check_proof import NoProof
 from trajopt.judging.evidence import evidence, passing
 from trajopt.judging.log_joint import Log
 from trajopt.judging.tube import slope, tube
@@ -50,6 +51,28 @@ def test_a_broken_limit_is_proved_in_rational_numbers(decimals):
     least = float(proved(found.proof))
     assert 1 < least <= 1.875 * 0.6 / 0.6
     assert least == pytest.approx(found.low, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("part", "forged"),
+    [
+        ("half", lambda own: -own),  # known to less than nothing
+        ("times", lambda own: own[::-1]),
+        ("times", lambda own: np.where(own == own[-1], own[-2], own)),
+        ("limits", lambda own: [(low + 10, high + 10) for low, high in own]),  # none below 0
+        ("limits", lambda own: own[:2]),
+        ("derivatives", lambda own: [(x - 1, mu) for x, mu in own]),  # before the first sample
+        ("derivatives", lambda own: own + own[-1:]),
+    ],
+)
+def test_numbers_of_no_tube_prove_nothing(part, forged):
+    t, q = quintic(0.6)
+    own = [(0.3 * low, 0.3 * high) for low, high in LIMITS]
+    proof = tube(t, *rounded(q, 3), own).proof
+    points = [(t[:1] if not len(x) else x, np.ones(max(1, len(x)))) for x, _ in proof.derivatives]
+    proof = replace(proof, derivatives=points, velocity=None)
+    with pytest.raises(NoProof):
+        proved(replace(proof, **{part: forged(getattr(proof, part))}))
 
 
 def test_the_least_acceleration_through_a_tube_is_that_of_the_bang_bang_motion():

@@ -423,7 +423,7 @@ def _by_all(joint: int, answer: TubeAnswer, name: str | None) -> Conviction | No
     """Return the proof by all samples together that limits are broken; None if there is none."""
     if answer.low <= 1 + KEPT_RTOL or answer.proof is None:
         return None
-    share = float(tube_proof.proved(answer.proof))
+    share = tube_proof.proved(answer.proof)
     convicts = share > 1 + KEPT_RTOL
     return Conviction(joint, share, name, np.array(answer.span)) if convicts else None
 

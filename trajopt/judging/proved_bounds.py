@@ -1,6 +1,7 @@
 """Lower bounds that proofs prove: the kernel's files asked about a `Problem` and arrays.
 
-`check_proof` derives bounds of the duration, `check_front` bounds of the smoothness integral.
+`check_proof` derives bounds of the duration, `check_front` bounds of the smoothness integral,
+`check_spline353` bounds of the duration of all 3-5-3 splines.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from trajopt.core.arrays import Array
 from trajopt.core.demand import DEMANDS
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.judging import check_front, check_proof
+from trajopt.judging import check_front, check_proof, check_spline353
 from trajopt.judging.check_proof import NoProof
 
 
@@ -49,6 +50,20 @@ def proved_integral(problem: Problem, tables: Mapping[str, Array], claim: float)
         said = stated(problem) | {"joint_units": list(problem.joint_units)}
         bound = check_front.proved(said, Fraction(claim), _exact_tables(tables))
         return rounded_down(bound)
+
+
+def proved_spline353(problem: Problem, tables: Mapping[str, Array]) -> float:
+    """Return the cut-off that a proof proves, s: no 3-5-3 spline with shared times takes less.
+
+    Args:
+        problem: With four waypoints that differ from their neighbours.
+        tables: The proof's tables by their names (`check_spline353.TABLES`).
+
+    Raises:
+        InvalidInput: The proof is damaged, or belongs to another problem.
+    """
+    with _refusals():
+        return rounded_down(check_spline353.proved(stated(problem), _exact_tables(tables)))
 
 
 @contextmanager

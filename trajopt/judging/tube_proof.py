@@ -1,23 +1,6 @@
 """Proofs that every motion within a tube uses at least some share of its limits.
 
-One joint is known to be within `d_i` of `q_i` at the times `t_i`. Its derivatives of order 1 … r
-have limits `[low_k, high_k]`; those of the velocity may depend on the time. Any numbers `λ_i` of
-samples and `μ_kj` of the k-th derivative at times `x_kj`, k < r, prove a bound. Let
-
-    g(x) = −Σ_i λ_i (t_i − x)₊^(r−1) / (r−1)! − Σ_kj μ_kj (x_kj − x)₊^(r−1−k) / (r−1−k)!     (1)
-
-If no polynomial of degree below r contributes to `Σ λ_i q(t_i) + Σ μ_kj q⁽ᵏ⁾(x_kj)`, Taylor's
-formula gives, for every motion q,
-
-    −Σ λ_i q(t_i) = Σ μ_kj q⁽ᵏ⁾(x_kj) + ∫ g q⁽ʳ⁾ dx                                          (2)
-
-A motion that uses the share s of its limits makes the right side at most s times the cost
-
-    Σ max(high_k μ_kj, low_k μ_kj) + ∫ max(high_r g, low_r g) dx                              (3)
-
-and the left side is at least the gain `−Σ λ_i q_i − Σ |λ_i| d_i`. So s is at least gain / cost. If
-that is above 1, no motion keeps the limits. The proof does not depend on how the numbers were
-found.
+The numbers are found here in floats; what they prove, `check_tube` says, in exact fractions.
 """
 
 from __future__ import annotations
@@ -30,6 +13,8 @@ from math import factorial
 import numpy as np
 
 from trajopt.core.arrays import Array
+from trajopt.judging import check_tube
+from trajopt.judging.proved_bounds import rounded_down
 
 Limit = tuple[float, float]
 """Low and high; infinite where a derivative has no limit."""
@@ -40,6 +25,8 @@ _LOST_SHARE = 1e-7  # share of a piece's area: a root that changes it by less ge
 @dataclass(frozen=True, eq=False)
 class TubeProof:
     """Numbers that prove a bound.
+
+    Symbols are those of `check_tube`.
 
     Attributes:
         limits: Of the derivatives of order 1 … r; the last one is finite.
@@ -70,62 +57,30 @@ class TubeProof:
         return np.full(count, low), np.full(count, high)
 
 
-def proved(proof: TubeProof) -> Fraction:
-    """Return the bound on s in rational numbers; contributions of polynomials add to the cost."""
-    r = len(proof.limits)
-    zero = Fraction(0)
-    t, q, d, multipliers = map(
-        _exact, (proof.times, proof.positions, proof.half, proof.multipliers)
+def proved(proof: TubeProof) -> float:
+    """Return the bound on s that the numbers prove, in exact fractions, rounded down."""
+    limits = [
+        None if not np.isfinite(high) else (Fraction(low), Fraction(high))
+        for low, high in proof.limits
+    ]
+    bounds = [
+        [*zip(*map(_exact, proof.bounds(order)), strict=True)] if limit is not None else []
+        for order, limit in enumerate(limits[:-1], start=1)
+    ]
+    return rounded_down(
+        check_tube.proved(
+            limits,
+            [*zip(*map(_exact, (proof.times, proof.positions, proof.half)), strict=True)],
+            _exact(proof.multipliers),
+            [[*zip(*map(_exact, pair), strict=True)] for pair in proof.derivatives],
+            bounds,
+            _exact(proof.roots),
+        )
     )
-    limits = [_exact(limit) if np.isfinite(limit[1]) else None for limit in proof.limits]
-    low, high = _exact(proof.limits[-1])
-    # Jumps of the derivatives r−1, r−2, … of g at each time, from the last time to the first.
-    events: dict[Fraction, list[Fraction]] = {}
-    own = [(_exact(points), _exact(values)) for points, values in proof.derivatives]
-    conditions = [(0, t, multipliers)]
-    conditions += [(order, *pair) for order, pair in enumerate(own, start=1)]
-    for order, points, values in conditions:
-        for x, value in zip(points, values, strict=True):
-            events.setdefault(x, [zero] * r)[r - 1 - order] -= value
-    for x in _exact(proof.roots):
-        if t[0] < x < t[-1]:
-            events.setdefault(x, [zero] * r)
-    g = [zero] * 3  # g and its derivatives by −x
-    cost = zero
-    times = sorted(events, reverse=True)
-    for x, before in zip(times, [*times[1:], None], strict=True):
-        for derivative, value in enumerate(events[x]):
-            g[derivative] += value
-        if before is None:
-            break
-        h = x - before
-        end = g[0] + h * g[1] + h * h * g[2] / 2
-        # A piece's integral is at most that of its Bernstein polynomial's bounds.
-        corners = (g[0], g[0] + h * g[1] / 2, end)
-        cost += h * sum(max(high * c, low * c) for c in corners) / 3
-        g = [end, g[1] + h * g[2], g[2]]
-    gain = zero
-    for multiplier, value, width in zip(multipliers, q, d, strict=True):
-        gain -= multiplier * value + abs(multiplier) * width
-    # The rest of g before the first time multiplies the motion's derivatives there.
-    gain -= abs(g[r - 1]) * (abs(q[0]) + d[0])
-    for order in range(1, r):
-        rest = abs(g[r - 1 - order])
-        values = own[order - 1][1]
-        limit = limits[order - 1]
-        if limit is None:
-            if rest or any(values):
-                return zero  # an unlimited derivative may make the right side any number
-            continue
-        cost += rest * max(limit[1], -limit[0])
-        lows, highs = map(_exact, proof.bounds(order))
-        triples = zip(values, lows, highs, strict=True)
-        cost += sum((max(high * own, low * own) for own, low, high in triples), zero)
-    return gain / cost if cost else zero
 
 
-def _exact(values: Array | Limit) -> list[Fraction]:
-    return [Fraction(float(value)) for value in values]
+def _exact(values: Array) -> list[Fraction]:
+    return [Fraction(value) for value in values.tolist()]
 
 
 def bound(proof: TubeProof) -> tuple[float, TubeProof]:
