@@ -44,7 +44,7 @@ def test_a_row_is_a_derivative_of_the_spline_less_its_limit(kind, side, joint):
     (row,) = check_spline353.rows_of(problem, exact([[kind, joint, side, instant]]))
     point = times[1] / times[0], times[1] / times[2]
     total = times.sum()
-    whole = check_spline353.Boxes([row], Fraction(total))
+    whole = check_spline353.SplineRows([row], Fraction(total))
     assert float(whole.least(row, (point[0], point[0], point[1], point[1]))) == pytest.approx(
         beyond, rel=1e-12, abs=1e-12
     )
@@ -56,7 +56,7 @@ def test_the_least_of_a_box_is_below_every_point_of_it():
     for _ in range(100):
         kind, joint, side = (int(rng.integers(n)) for n in (6, 2, 2))
         (row,) = check_spline353.rows_of(problem, exact([[kind, joint, side, rng.random()]]))
-        search = check_spline353.Boxes([row], Fraction(rng.uniform(0.5, 5)))
+        search = check_spline353.SplineRows([row], Fraction(rng.uniform(0.5, 5)))
         corner, size = np.exp(rng.uniform(-2, 2, 2)), np.exp(rng.uniform(-6, 1))
         ends = np.array([corner, corner * (1 + size)]).T
         least = search.least(row, tuple(ends.ravel().tolist()))

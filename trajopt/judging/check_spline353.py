@@ -47,7 +47,7 @@ Powers = tuple[Fraction, Fraction, Fraction]  # coefficients of r, r² and r³
 NO_POWERS: Powers = (ZERO, ZERO, ZERO)
 
 
-class Row(NamedTuple):
+class SplineRow(NamedTuple):
     """A polynomial in each ratio, which is at most `limit · t2^order`, (7.3).
 
     Attributes:
@@ -63,7 +63,7 @@ class Row(NamedTuple):
     order: int
 
 
-def rows_of(problem: ExactProblem, table: Sequence[Sequence[Fraction]]) -> list[Row]:
+def rows_of(problem: ExactProblem, table: Sequence[Sequence[Fraction]]) -> list[SplineRow]:
     """Return the rows that a proof uses.
 
     Raises:
@@ -80,15 +80,15 @@ def rows_of(problem: ExactProblem, table: Sequence[Sequence[Fraction]]) -> list[
     return found
 
 
-def _row(problem: ExactProblem, kind: int, joint: int, side: int, instant: Fraction) -> Row:
+def _row(problem: ExactProblem, kind: int, joint: int, side: int, instant: Fraction) -> SplineRow:
     d1, h, d3 = (step[joint] for step in problem.displacements())
     sign = (-1, 1)[side]
     if kind == FIRST_JERK:
         powers = _times(sign, (ZERO, ZERO, 6 * d1)), NO_POWERS
-        return Row(ZERO, powers, _existing(problem.jerk[0][joint][side]), JERK)
+        return SplineRow(ZERO, powers, _existing(problem.jerk[0][joint][side]), JERK)
     if kind == LAST_JERK:
         powers = NO_POWERS, _times(sign, (ZERO, ZERO, 6 * d3))
-        return Row(ZERO, powers, _existing(problem.jerk[2][joint][side]), JERK)
+        return SplineRow(ZERO, powers, _existing(problem.jerk[2][joint][side]), JERK)
     b = [_derivative(own, kind, instant) for own in HERMITE]
     constant, limit = h * b[0], ZERO
     first, last = (3 * d1 * b[1], 6 * d1 * b[3], ZERO), (3 * d3 * b[2], -6 * d3 * b[4], ZERO)
@@ -98,7 +98,7 @@ def _row(problem: ExactProblem, kind: int, joint: int, side: int, instant: Fract
         limits = (problem.velocity, problem.acceleration, problem.jerk)[kind - VELOCITY]
         limit = _existing(limits[1][joint][side])
     powers = _times(sign, first), _times(sign, last)
-    return Row(sign * constant, powers, limit, kind)
+    return SplineRow(sign * constant, powers, limit, kind)
 
 
 def _times(sign: int, powers: Powers) -> Powers:
@@ -165,13 +165,13 @@ def _below(x: Fraction) -> float:
 
 
 @dataclass(frozen=True)
-class Boxes:
+class SplineRows:
     """What excludes boxes: rows and the cut-off."""
 
-    rows: list[Row]
+    rows: list[SplineRow]
     cutoff: Fraction
 
-    def excluded(self, row: Row, box: Box, halves: int = MORE_HALVES) -> bool:
+    def excluded(self, row: SplineRow, box: Box, halves: int = MORE_HALVES) -> bool:
         """Return whether a row is broken everywhere in a box."""
         if self.least(row, box) > 0:
             return True
@@ -181,7 +181,7 @@ class Boxes:
         parts = halved(box, CUT_LAST if b3 / a3 > b1 / a1 else CUT_FIRST)
         return all(self.excluded(row, part, halves - 1) for part in parts)
 
-    def least(self, row: Row, box: Box) -> Fraction:
+    def least(self, row: SplineRow, box: Box) -> Fraction:
         """Return less than the row's excess anywhere in a box, by the mean value theorem.
 
         The excess is the row's sum minus `limit · (cutoff · s)^order`, where s is the share of the
@@ -263,7 +263,7 @@ def proved(said: dict[str, Any], tables: dict[str, Any]) -> Fraction:
         raise NoProof("waypoints", "four of which no two in a row are one")
     if sum(least) >= cutoff:
         return cutoff
-    search = Boxes(rows_of(problem, proof["rows"]), cutoff)
+    search = SplineRows(rows_of(problem, proof["rows"]), cutoff)
     steps = iter(proof["steps"])
     boxes = [all_ratios(least, cutoff)]
     while boxes:
