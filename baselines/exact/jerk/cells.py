@@ -119,12 +119,13 @@ class JerkTables:
         self.down = sides(r1, r2)
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])
+        self.waypoint_v, self.waypoint_a = abreast.waypoint_v, abreast.waypoint_a
         self.by_segment = scaled.by_segment
         # cells whose first waypoint has a velocity and an acceleration among the unknowns
         self.starts = np.ones((1, 1, len(scaled.h), 1), dtype=bool)
         self.starts[:, :, 0] = scaled.closed
         if self.by_segment:
-            low, high = abreast.waypoint_a
+            low, high = self.waypoint_a
             self.widest[:, :, : high.shape[1]] = high, -low
         self.passing = None
         if scaled.passing is not None:

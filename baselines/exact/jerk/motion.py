@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import NamedTuple, Self
 
@@ -24,9 +24,15 @@ import numpy as np
 
 from baselines.exact.jerk.cells import FLIPS, JerkInequalities, JerkTables, JerkUnknowns
 from baselines.exact.jerk.near import NearUnknowns, at_exact_points
-from baselines.exact.method.chain import at_ends, with_outer
+from baselines.exact.method.chain import at_ends
 from baselines.exact.method.pieces import Pieces, quotient, summed
-from baselines.exact.method.scaled import BRIEF_PIECE_S, Scaled
+from baselines.exact.method.scaled import (
+    BRIEF_PIECE_S,
+    Abreast,
+    Scaled,
+    inner_velocities,
+    motions,
+)
 from baselines.exact.method.segments import MOST, MOST_IN_MOTION, Segments
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
@@ -98,30 +104,49 @@ class Reachable(Scaled):
         if isinstance(states, NearUnknowns):
             moved = self.shifted(np.clip(states.offset[0], -self.tolerance, self.tolerance))
             return moved.trajectory(times, at_exact_points(moved, times, states))
-        with np.errstate(all="ignore"):
-            pieces, velocity = _fitted(self, times, states)
-        return self.motion(pieces, velocity)
+        (motion,) = fitted([self], times[None], states)
+        return motion
 
 
-def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Pieces, Array]:
-    """Return the motion of an optimum, with few breaks.
+def fitted(every: Sequence[Reachable], times: Array, states: JerkUnknowns) -> list[Trajectory]:
+    """Return the motions of optima, with few breaks.
 
-    Returns:
-        The pieces of every segment, `(pieces, segments, joints)`, the last ones of no length, and
-        the velocities at the segments' starts, `(segments, joints)`.
+    Args:
+        every: problems of one shape, from rest to rest; or one alone.
+        times: of their segments, `(problems, segments)`.
+        states: the unknowns of one start for each.
     """
-    limits = _AllowedMotion.of(scaled, times)
-    rows = _settled(JerkInequalities(JerkTables(scaled), states), limits)
-    if scaled.left_out is not None:
-        rows = _bent(rows, limits, scaled, scaled.left_out)
-        (times,) = rows.times
-        limits = _AllowedMotion.of(scaled, times)
-    profiles = _KnottedProfiles.of(rows, limits)
-    starts, stops = _velocities(scaled, times, rows.point.ends[:, 0])
-    signs = np.array([[[-1.0]], [[1.0]]])
-    limited = scaled.v, scaled.a, signs / scaled.r
+    with np.errstate(all="ignore"):
+        pieces, segments = _fitted(every, times, states)
+        return motions(every, pieces, segments.u, segments)
+
+
+def _fitted(
+    every: Sequence[Reachable], times: Array, states: JerkUnknowns
+) -> tuple[Pieces, Segments]:
+    """Return the pieces of all problems' segments, some of no length, and what they are to meet."""
+    abreast = Abreast(every)
+    allowed = _AllowedMotion.of(abreast, times)
+    rows = _settled(JerkInequalities(JerkTables(every[0], every=every), states), allowed)
+    left_out = every[0].left_out
+    if left_out is not None:
+        rows = _bent(rows, allowed, every[0], left_out)
+        times = rows.times
+        allowed = _AllowedMotion.of(abreast, times)
+    limits = allowed.in_a_row()
+    profiles = _KnottedProfiles.of(rows, allowed)
+    starts, stops = _velocities(abreast, times, rows.point.ends)
+    times = times.ravel()
+    signs = np.reshape([-1.0, 1.0], (2, 1, 1, 1))
+    shape = 2, *abreast.h.shape
+    limited = abreast.v, abreast.a, signs / abreast.r
     most = limits.simpler.most
-    segments = Segments.under(starts, stops, scaled.h, *limited)._replace(most=most)
+    segments = Segments.under(
+        _in_a_row(starts),
+        _in_a_row(stops),
+        _in_a_row(abreast.h),
+        *(_in_a_row(np.broadcast_to(sides, shape)) for sides in limited),
+    )._replace(most=most)
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = segments.mended(profiles.pieces(even, limits))
@@ -135,25 +160,31 @@ def _fitted(scaled: Reachable, times: Array, states: JerkUnknowns) -> tuple[Piec
     pieces = Pieces(own.lengths, start, jerk)
     ramps = np.where(limits.jerky, limits.ramp, np.inf)
     briefest = ramps.min(axis=1) * times
-    brief = BRIEF_PIECE_S / scaled.unit
+    brief = np.repeat([BRIEF_PIECE_S / own.unit for own in every], abreast.h.shape[1])
     close = np.maximum(CLOSE_RTOL * briefest, brief)
-    return segments.thinned(pieces, close, brief), starts
+    return segments.thinned(pieces, close, brief), segments
 
 
-def _velocities(scaled: Scaled, times: Array, ends: Array) -> tuple[Array, Array]:
-    """Return the velocities at the start and at the end of each segment, `(segments, joints)` each.
+def _in_a_row(table: Array) -> Array:
+    """Return a table `(…, problems, segments, joints)` with the segments of all on one axis."""
+    return table.reshape(*table.shape[:-3], -1, table.shape[-1])
+
+
+def _velocities(abreast: Abreast, times: Array, ends: Array) -> tuple[Array, Array]:
+    """Return the velocities at the segments' starts and ends, `(problems, segments, joints)` each.
 
     They are the waypoints' velocities. In a segment so short that a unit in the last place of a
     velocity would cost a noticeable jerk they are the segment's own; the long segments beside it
     take up the difference.
     """
-    velocity = with_outer(scaled.velocities(times, ends), scaled.end_v, scaled.closed)
-    t = times[:, None]
-    own = scaled.h / t + t * ends
+    inner = inner_velocities(abreast.h, times, ends, abreast.closed)
+    velocities = at_ends(inner, abreast.end_v, abreast.closed)
+    t = times[..., None]
+    own = abreast.h / t + t * ends
     speeds = np.abs(own).max(axis=0)
-    is_brief = ROUNDING * speeds * scaled.r.max(axis=0) > BRIEF_USE * t**2
-    is_brief[[0, -1]] = False
-    starts, stops = np.where(is_brief, own, [velocity[:-1], velocity[1:]])
+    is_brief = ROUNDING * speeds * abreast.r.max(axis=0) > BRIEF_USE * t**2
+    is_brief[:, [0, -1]] = False
+    starts, stops = np.where(is_brief, own, velocities)
     return starts, stops
 
 
@@ -178,10 +209,10 @@ class _AllowedMotion(NamedTuple):
     """Largest changes that the limits allow in each segment.
 
     Attributes:
-        times: of the segments, `(segments, 1)`.
+        times: of the segments, `(problems, segments, 1)`.
         jerky: which joints have jerk limits.
         gained: the acceleration that jerk allows in the time, at most its limit,
-            `(segments, joints)`.
+            `(problems, segments, joints)`.
         ramp: the longest time with the same jerk, as a share of the segment's, likewise.
         vanished: a phase of a smaller share is rounding, likewise.
         slack: what a simpler motion may cost of a displacement, likewise.
@@ -197,20 +228,30 @@ class _AllowedMotion(NamedTuple):
     simpler: _Simpler
 
     @classmethod
-    def of(cls, scaled: Scaled, segment_times: Array) -> Self:
-        times = segment_times[:, None]
-        slowest = np.abs(scaled.v).min(axis=0)
-        steepest = np.abs(scaled.a).min(axis=0)
-        slow = scaled.r.max(axis=0)
+    def of(cls, abreast: Abreast, segment_times: Array) -> Self:
+        times = segment_times[..., None]
+        slowest = np.abs(abreast.v).min(axis=0)
+        steepest = np.abs(abreast.a).min(axis=0)
+        slow = abreast.r.max(axis=0)
         by_jerk = times / np.maximum(slow, TINY)
         gained = np.minimum(steepest, by_jerk)
         faster = np.minimum(slowest, steepest * times)
         ramp = np.sqrt(faster * slow) / times
         ramp = np.minimum(ramp, 1.0)
-        simpler = AT_REST if scaled.problem.route.at_rest else IN_MOTION
+        simpler = AT_REST if abreast.every[0].problem.route.at_rest else IN_MOTION
         vanished = simpler.slack * ramp + ROUNDING
-        jerky = (slow > 0).any(axis=0)
+        jerky = (slow > 0).any(axis=(0, 1))
         return cls(times, jerky, gained, ramp, vanished, simpler.slack * gained, simpler)
+
+    def in_a_row(self) -> Self:
+        """Return the tables with the segments of all problems on one axis."""
+        return self._replace(
+            times=_in_a_row(self.times),
+            gained=_in_a_row(self.gained),
+            ramp=_in_a_row(self.ramp),
+            vanished=_in_a_row(self.vanished),
+            slack=_in_a_row(self.slack),
+        )
 
 
 def _bent(
@@ -317,7 +358,7 @@ class _Passed(NamedTuple):
         """Return what the segments beside leave each joint, of what they reach."""
         beside = [segment - 1, segment + 1]
         reach = rows.reach[:, 0, beside].min(axis=(0, 1))
-        return np.asarray(reach / self.limits.gained[beside].min(axis=0))
+        return np.asarray(reach / self.limits.gained[0, beside].min(axis=0))
 
     def _wished(self, rows: JerkInequalities, segment: int, leader: int) -> tuple[float, Array]:
         """Return when the leader passes the waypoint, and with which acceleration all joints do."""
@@ -394,7 +435,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     missing = rows.profiles.rises - first
     ahead = missing * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
-    sides = cells.scaled.waypoint_a
+    sides = cells.waypoint_a
     wished = _beside(level, cells.closed)
     changes = np.clip(wished, *sides) - acceleration
     is_wanted = _beside(is_alone & limits.jerky & is_brief, cells.closed)
@@ -403,7 +444,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     (change,) = np.take_along_axis(wanted, least, axis=0)
     free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0), cells.closed)
     # At a velocity limit a short ramp would leave a dip: velocity and acceleration are set to it.
-    fastest, is_fast = _nearest(velocity, cells.scaled.waypoint_v, limits)
+    fastest, is_fast = _nearest(velocity, cells.waypoint_v, limits)
     steepest, is_steep = _nearest(acceleration, sides, limits)
     cases = [~chosen, is_fast, is_steep, free, np.isfinite(change)]
     values = [acceleration, 0.0, steepest, 0.0, acceleration + change]
@@ -487,12 +528,12 @@ class _KnottedProfiles(NamedTuple):
         # A phase that was removed from the state has a length of rounding.
         phases = np.where(own < limits.vanished, 0.0, own)
         moving = _in_order(phases, phases)
-        cruise = profiles.cruise[:, 0]
+        cruise = _in_a_row(profiles.cruise)
         knots = _knots(np.insert(moving, len(phases), cruise, axis=0))
         is_held = limits.jerky & (phases[0] == 0)
         held = np.where(is_held, first, rises)
         levels = cells.signs * np.array([first, held, held, peaks])
-        shares = _shares(rows, limits)[:, 0]
+        shares = _in_a_row(_shares(rows, limits))
         return cls(knots, _in_order(levels, -levels), shares)
 
     def breaks(self) -> Array:
@@ -532,9 +573,9 @@ class _KnottedProfiles(NamedTuple):
 
 def _in_order(from_start: Array, from_end: Array) -> Array:
     """Return values of both ends, each ordered inwards, on one axis in the order of time."""
-    start = from_start[:, 0, :, 0]
-    end = from_end[:, 1, :, 0]
-    return np.concatenate([start, end[::-1]])
+    start = from_start[:, 0]
+    end = from_end[:, 1]
+    return _in_a_row(np.concatenate([start, end[::-1]]))
 
 
 def _knots(phases: Array) -> Array:
@@ -555,35 +596,48 @@ def _breaks(
 
     They end with ones, where a segment has fewer than others.
     """
-    wanted = np.where(needs_own, profiles.breaks(), np.nan)
-    briefs = limits.simpler.brief * limits.ramp
-    found = []
-    for k, inner in enumerate(even[1:-1].T.tolist()):
-        own = wanted[:, k]
-        phase, joint = np.nonzero(np.isfinite(own))
-        times = own[phase, joint]
-        pairs = [(time, 0.0) for time in inner]
-        pairs += zip(times, briefs[k, joint], strict=True)
-        found.append(_apart(0.0, sorted(pairs), 1.0))
-    rows = itertools.zip_longest(*found, fillvalue=1.0)
-    return np.array(list(rows))
+    wanted = np.where(needs_own, profiles.breaks(), np.inf)
+    wanted[np.isnan(wanted)] = np.inf
+    briefs = np.broadcast_to(limits.simpler.brief * limits.ramp, wanted.shape)
+    inner = even[1:-1]
+    times = np.concatenate([inner, _by_segment(wanted)])
+    brief = np.concatenate([0 * inner, _by_segment(briefs)])
+    order = np.lexsort((brief, times), axis=0)
+    ordered = (np.take_along_axis(table, order, axis=0) for table in (times, brief))
+    return _apart(*ordered)
 
 
-def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[float]:
-    """Return a segment's breaks, without those whose removal costs next to nothing.
+def _by_segment(table: Array) -> Array:
+    """Return a table `(phases, segments, joints)` with all of a segment's on one axis."""
+    return np.moveaxis(table, 1, -1).reshape(-1, table.shape[1])
+
+
+def _apart(wanted: Array, brief: Array) -> Array:
+    """Return breaks of segments without those whose removal costs next to nothing.
 
     Without a break its joint is faster by half its change of jerk times the times to the breaks
-    before and after. So one that follows another one closely may move away from it. `wanted` holds
-    the breaks in order, each with a time: leaving it out may cost that time's square.
+    before and after. So one that follows another one closely may move away from it.
+
+    Args:
+        wanted: shares of the segments' times, in order, infinite where there are no more,
+            `(breaks, segments)`.
+        brief: leaving a break out may cost this time's square, likewise.
+
+    Returns:
+        The breaks from 0 to 1, and ones after them.
     """
-    kept = [start]
-    inner = [time for time, _ in wanted]
-    after = [*inner[1:], end]
-    for (time, brief), following in zip(wanted, after, strict=True):
-        last = kept[-1]
+    wanted = wanted[np.isfinite(wanted).any(axis=1)]
+    last = np.zeros(wanted.shape[1])
+    kept = np.ones((len(wanted) + 2, len(last)))
+    kept[0] = last
+    for number, time in enumerate(wanted, start=1):
+        after = wanted[number] if number < len(wanted) else np.inf
         gap = time - last
-        if gap * (following - time) > brief**2:
-            earliest = last + brief**2 / gap
-            latest = end - brief**2 / (end - time)
-            kept.append(min(max(time, earliest), latest))
-    return [*kept, end]
+        cost = brief[number - 1] ** 2
+        earliest = last + cost / gap
+        latest = 1 - cost / (1 - time)
+        own = np.minimum(np.maximum(time, earliest), latest)
+        is_kept = np.isfinite(time) & (gap * (np.minimum(after, 1.0) - time) > cost)
+        kept[number] = np.where(is_kept, own, 1.0)
+        last = np.where(is_kept, own, last)
+    return np.sort(kept, axis=0)[: (kept < 1).sum(axis=0).max() + 1]

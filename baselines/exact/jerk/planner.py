@@ -33,6 +33,7 @@ from baselines.exact.method.interior_point import (
     chosen,
     converged,
     descended,
+    joined,
 )
 from baselines.exact.method.planner import (
     DEMANDS_KNOWN,
@@ -207,8 +208,10 @@ class ExactJerk(SeveralStarts):
     def motions(
         self, every: Sequence[Reachable], optima: Sequence[LocalOptimum]
     ) -> list[Trajectory]:
-        pairs = zip(every, optima, strict=True)
-        return [scaled.trajectory(own.times, own.states) for scaled, own in pairs]
+        from baselines.exact.jerk.motion import fitted
+
+        times = np.array([own.times for own in optima])
+        return fitted(every, times, joined([own.states for own in optima]))
 
     def _from_starts(
         self,

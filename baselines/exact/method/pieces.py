@@ -102,6 +102,51 @@ class Pieces(NamedTuple):
         return Pieces(*tables)
 
 
+def correction(lengths: Array, slow: Array, short: Array, jerky: Bools) -> Pieces:
+    """Return accelerations that lead from rest to a velocity `slow` and a displacement `short`.
+
+    They are a multiple of `x (1 - x)`, which gains the velocity, and of `x (1 - x) (1 - 2 x)`,
+    which gains the displacement; `x` is the share of the time that has passed. Both need three
+    pieces, or two of constant acceleration; a single piece gains the velocity only.
+
+    Args:
+        lengths: of the pieces, `(pieces, segments, 1)`.
+        slow: velocities, `(segments, joints)`.
+        short: displacements, likewise.
+        jerky: which joints have jerk limits, `(joints,)`.
+    """
+    shares = lengths / lengths.sum(axis=0)
+    x = summed(0.0, shares)
+    middle = (x[:-1] + x[1:]) / 2
+    even = Pieces.between(lengths, _even(x), _even(middle), jerky)
+    odd = Pieces.between(lengths, _odd(x), _odd(middle), jerky)
+    even_gain, even_way = even.gained
+    odd_gain, odd_way = odd.gained
+    # The even change gains the velocity. The odd one, less as much of the even one as keeps the
+    # velocity, gains the displacement.
+    ratio = odd_gain / even_gain
+    evenly = slow / even_gain
+    short = short - evenly * even_way
+    way = odd_way - ratio * even_way
+    oddly = quotient(short, way, way != 0)
+    evenly -= oddly * ratio
+    start = evenly * even.start
+    start += oddly * odd.start
+    jerk = evenly * even.jerk
+    jerk += oddly * odd.jerk
+    return Pieces(lengths, start, jerk)
+
+
+def _even(x: Array) -> Array:
+    """Return a change that is symmetric about the middle, and zero at both ends."""
+    return x * (1 - x)
+
+
+def _odd(x: Array) -> Array:
+    """Return a change that is antisymmetric about the middle, and zero at both ends."""
+    return _even(x) * (1 - 2 * x)
+
+
 def quotient(whole: Array, parts: Array, where: Bools) -> Array:
     """Return `whole / parts` where asked, and 0 elsewhere."""
     return np.divide(whole, parts, out=np.zeros_like(whole), where=where)

@@ -24,7 +24,8 @@ from trajopt.core.resolution import spared
 from trajopt.core.route import NOTHING
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import flaws, keeping, keeps, verify
+from trajopt.judging.together import verify_many
+from trajopt.judging.verification import keeping, keeps, verify
 from trajopt.planners.planner import Planner, Relation
 from trajopt.planners.reductions import SIMPLEST
 
@@ -152,9 +153,12 @@ class SeveralStarts(Planner):
             return answers
         numbers, every, optima = zip(*agreed, strict=True)
         motions = self.motions(every, [_shortest(local)[0] for local in optima])
-        for i, scaled, local, motion in zip(numbers, every, optima, motions, strict=True):
+        some = [problems[i] for i in numbers]
+        verdicts = verify_many(some, motions)
+        rows = zip(numbers, every, optima, motions, verdicts, strict=True)
+        for i, scaled, local, motion, verdict in rows:
             found = self.answered(problems[i], motion, stats_of(scaled, local))
-            if found.status is not Status.SOLVED or not flaws(problems[i], motion):
+            if found.status is not Status.SOLVED or verdict.valid:
                 answers[i] = found
         return answers
 

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from baselines.exact.method.pieces import Pieces
+from baselines.exact.method.segments import Segments
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.problem import Problem
 from trajopt.core.rounding import KEPT_RTOL
@@ -139,38 +140,41 @@ class Scaled:
         """
         return inner_velocities(self.h, times, ends, self.closed)
 
-    def motion(self, pieces: Pieces, velocity: Array) -> Trajectory:
-        """Return the motion of these pieces, of degree 2 where none has a jerk.
 
-        Args:
-            pieces: of every segment, `(pieces, segments, joints)`; some may have no length.
-            velocity: at the segments' starts, `(segments, joints)`.
-        """
-        (motion,) = motions([self], pieces, velocity)
-        return motion
-
-
-def motions(every: Sequence[Scaled], pieces: Pieces, velocity: Array) -> list[Trajectory]:
-    """Return what `Scaled.motion` does for problems of one shape, whose segments follow each other.
+def motions(
+    every: Sequence[Scaled], pieces: Pieces, velocity: Array, segments: Segments | None = None
+) -> list[Trajectory]:
+    """Return the motions of problems of one shape, each of degree 2 where no piece has a jerk.
 
     Args:
         every: the problems.
-        pieces: of every segment of every problem, `(pieces, problems · segments, joints)`.
+        pieces: of every segment of every problem, `(pieces, problems · segments, joints)`; some may
+            have no length.
         velocity: at the segments' starts, `(problems · segments, joints)`.
+        segments: what the pieces are to meet. With them the rounding of sums over many pieces is
+            corrected, where that is negligible.
     """
-    segments = len(velocity) // len(every)
-    unit = np.repeat([own.unit for own in every], segments)
-    units = np.repeat([own.units for own in every], segments, axis=0)
-    j_unit, a_unit, v_unit, _ = units.transpose(1, 0, 2)
+    count = len(velocity) // len(every)
+    unit = np.repeat([own.unit for own in every], count)
+    units = np.repeat([own.units for own in every], count, axis=0)
+    j_unit, a_unit, v_unit, q_unit = units.transpose(1, 0, 2)
     lengths = unit[:, None] * pieces.lengths
     own = Pieces(lengths, a_unit * pieces.start, j_unit * pieces.jerk)
-    cubics = own.integrated(v_unit * velocity)
+    first = v_unit * velocity
+    cubics = own.integrated(first)
+    if segments is not None:
+        speeds, ways = own.passed(first)
+        slow = v_unit * segments.w - speeds[-1]
+        short = np.concatenate([one.problem.displacements for one in every]) - ways[-1]
+        change = segments.negligible(pieces.lengths, slow / v_unit, short / q_unit)
+        change = Pieces(lengths, a_unit * change.start, j_unit * change.jerk)
+        cubics += change.integrated(0 * slow)
     cubics[-1] += np.concatenate([own.problem.waypoints[:-1] for own in every])
     by_segment = cubics.transpose(2, 0, 1, 3)
     seconds = lengths[..., 0].T
     found = []
-    for first in range(0, len(velocity), segments):
-        some = slice(first, first + segments)
+    for number in range(0, len(velocity), count):
+        some = slice(number, number + count)
         coefficients = by_segment[some] if pieces.jerk[:, some].any() else by_segment[some, 1:]
         found.append(Trajectory.of_segments(zip(seconds[some], coefficients, strict=True)))
     return found

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.method.pieces import Pieces, quotient, summed
+from baselines.exact.method.pieces import Pieces, correction, quotient
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.rounding import KEPT_RTOL
 
@@ -19,6 +19,7 @@ _MISSED_RTOL = 1e-12  # a larger one means that the motion does not meet its end
 # The same two between given velocities, where the judge dilates nothing.
 MOST_IN_MOTION = 1 + KEPT_RTOL / 2
 _MISSED_IN_MOTION_RTOL = 1e-14
+_NEGLIGIBLE = 1e-13  # share of a limit that a correction of rounding may use
 
 
 class Segments(NamedTuple):
@@ -84,33 +85,26 @@ class Segments(NamedTuple):
     def mended(self, pieces: Pieces) -> Pieces:
         """Return the pieces, corrected so that they end at the next waypoint with its velocity.
 
-        The accelerations change by a multiple of `x (1 - x)`, which corrects the velocity, and of
-        `x (1 - x) (1 - 2 x)`, which corrects the displacement; `x` is the share of the time that
-        has passed. Both corrections need three pieces, or two of constant acceleration. A single
-        piece gets its velocity only. A large correction leaves some rounding.
+        A single piece gets its velocity only. A large correction leaves some rounding.
         """
-        shares = pieces.lengths / pieces.lengths.sum(axis=0)
-        x = summed(0.0, shares)
-        middle = (x[:-1] + x[1:]) / 2
-        even = Pieces.between(pieces.lengths, _even(x), _even(middle), self.jerky)
-        odd = Pieces.between(pieces.lengths, _odd(x), _odd(middle), self.jerky)
-        even_gain, even_way = even.gained
-        odd_gain, odd_way = odd.gained
         passed = pieces.passed(self.u)
         slow, short = self.missing(pieces.lengths, passed, _ROUNDING_RTOL)
-        # The even change corrects the velocity. The odd one, less as much of the even one as keeps
-        # the velocity, corrects the displacement.
-        ratio = odd_gain / even_gain
-        evenly = slow / even_gain
-        short = short - evenly * even_way
-        way = odd_way - ratio * even_way
-        oddly = quotient(short, way, way != 0)
-        evenly -= oddly * ratio
-        start = evenly * even.start
-        start += oddly * odd.start
-        jerk = evenly * even.jerk
-        jerk += oddly * odd.jerk
-        return pieces._replace(start=pieces.start + start, jerk=pieces.jerk + jerk)
+        change = correction(pieces.lengths, slow, short, self.jerky)
+        start, jerk = pieces.start + change.start, pieces.jerk + change.jerk
+        return pieces._replace(start=start, jerk=jerk)
+
+    def negligible(self, lengths: Array, slow: Array, short: Array) -> Pieces:
+        """Return the correction of rounding at the ends, zero where it uses a limit noticeably.
+
+        Args:
+            lengths: of the pieces.
+            slow, short: what velocity and displacement lack, `(segments, joints)`.
+        """
+        change = correction(lengths, slow, short, self.jerky)
+        shares = _shares(change, 0 * change.start, self.limits)
+        is_negligible = shares.max(axis=0) <= _NEGLIGIBLE
+        start, jerk = (np.where(is_negligible, table, 0.0) for table in change[1:])
+        return Pieces(lengths, start, jerk)
 
     def use(self, pieces: Pieces) -> Array:
         """Return the largest share of a limit that each joint uses, `(segments, joints)`.
@@ -221,16 +215,6 @@ class Segments(NamedTuple):
         )
         pieces.start[used, segment, joint] += change.start @ found
         pieces.jerk[used, segment, joint] += change.jerk @ found
-
-
-def _even(x: Array) -> Array:
-    """Return a change that is symmetric about the middle, and zero at both ends."""
-    return x * (1 - x)
-
-
-def _odd(x: Array) -> Array:
-    """Return a change that is antisymmetric about the middle, and zero at both ends."""
-    return _even(x) * (1 - 2 * x)
 
 
 def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:

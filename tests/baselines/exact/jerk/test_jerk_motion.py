@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import fsum
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,21 @@ def test_jerk_limits_may_differ_up_and_down(seed: int) -> None:
     trajectory = ExactJerk().solve(problem).trajectory
     assert trajectory is not None
     assert verify(problem, trajectory).dilation <= 1 + 1e-9
+
+
+def test_many_pieces_end_at_the_next_waypoint() -> None:
+    """Sums over some 100 pieces round: once a motion missed a waypoint by its last places."""
+    rng = np.random.default_rng(0)
+    limits = Limits([1.0] * 7, [2.0] * 7, [20.0] * 7)
+    for path in np.cumsum(rng.uniform(-1, 1, (2, 4, 7)), axis=1):
+        problem = Problem(path, limits)
+        motion = ExactJerk().solve(problem).trajectory
+        assert motion is not None
+        ways = motion.pieces(0)[:-1].sum(axis=0)
+        at = motion.breaks.searchsorted(motion.waypoint_times)
+        for begin, end, step in zip(at[:-1], at[1:], problem.displacements, strict=True):
+            reached = [fsum(own) for own in ways[begin:end].T]
+            assert (np.abs(reached - step) < problem.rounding / 4).all()
 
 
 def test_a_turn_is_braked_with_one_jerk() -> None:
@@ -201,15 +218,17 @@ def test_breaks_of_a_segment_are_shared() -> None:
 
 def test_a_break_is_left_out_or_moves_where_that_costs_next_to_nothing() -> None:
     # 1e-8 after another one: the next is 1e-5 later and serves
-    assert apart(1.0, 1.0 + 1e-8, 1.0 + 1e-5) == [0.0, 1.0, 1.0 + 1e-5, 2.0]
+    assert apart(0.5, 0.5 + 1e-8, 0.5 + 1e-5) == [0.0, 0.5, 0.5 + 1e-5, 1.0]
     # or it moves 1e-6²/1e-8, from the end too
-    _, _, moved, _ = apart(1.0, 1.0 + 1e-8)
-    assert moved == pytest.approx(1.0 + 1e-4, abs=1e-9)
-    _, moved, _ = apart(2.0 - 1e-8)
-    assert moved == pytest.approx(2.0 - 1e-4, abs=1e-9)
+    _, _, moved, _ = apart(0.5, 0.5 + 1e-8)
+    assert moved == pytest.approx(0.5 + 1e-4, abs=1e-9)
+    _, moved, _ = apart(1.0 - 1e-8)
+    assert moved == pytest.approx(1.0 - 1e-4, abs=1e-9)
 
 
 def apart(*times: float) -> list[float]:
-    """Breaks between 0 and 2 that may cost 1e-6 s each."""
-    wanted = [(time, 1e-6) for time in times]
-    return jerk_motion._apart(0.0, wanted, 2.0)
+    """Breaks between 0 and 1 that may cost 1e-6 each, beside a segment that has none."""
+    wanted = np.array([times, np.full(len(times), np.inf)]).T
+    breaks, none = jerk_motion._apart(wanted, np.full_like(wanted, 1e-6)).T
+    assert (none == [0.0] + [1.0] * (len(none) - 1)).all()
+    return breaks.tolist()

@@ -8,8 +8,9 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.exact.method import planner as method
-from trajopt import Limits, Problem
+from trajopt import Limits, Problem, verify, verify_many
 from trajopt.core.solution import Status
+from trajopt.judging import together
 
 PLANNERS = {"exact": Exact(), "exact-jerk": ExactJerk()}
 
@@ -50,6 +51,9 @@ def test_a_batch_gives_what_each_problem_alone_would(name):
         assert own.stats.keys() == alone.stats.keys()
         if alone.trajectory is not None:
             assert own.trajectory.duration == pytest.approx(alone.trajectory.duration, rel=1e-12)
+            known = problem.without(*planner.unknown(problem))
+            certified = [verify(known, one.trajectory).certified_duration for one in (own, alone)]
+            assert certified[0] == pytest.approx(certified[1], rel=1e-12)
             assert own.trajectory.joints == problem.joints
     assert Status.INFEASIBLE in [own.status for own in together]
 
@@ -60,6 +64,13 @@ def test_alike_problems_are_one_batch(name, monkeypatch):
     problems = walks(4, 2, 5)
     monkeypatch.setattr(type(planner), "solve", pytest.fail)
     assert all(own.trajectory is not None for own in planner.solve_many(problems))
+
+
+def test_the_motions_of_a_batch_are_judged_as_one_table(monkeypatch):
+    problems = walks(4, 6, 4)
+    motions = [own.trajectory for own in ExactJerk().solve_many(problems)]
+    monkeypatch.setattr(together, "verify", pytest.fail)
+    assert all(own.valid for own in verify_many(problems, motions))
 
 
 def test_a_problem_on_which_the_first_guesses_disagree_is_solved_alone(monkeypatch):
