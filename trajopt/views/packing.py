@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+from contextlib import suppress
+from math import fsum, isfinite
 from typing import Any
 
 import numpy as np
@@ -45,6 +47,11 @@ def finite(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return finite(value.tolist())
     if isinstance(value, list | tuple):
+        with suppress(
+            TypeError, ValueError, OverflowError
+        ):  # others than numbers, or infinite ones
+            if isfinite(fsum(value)):  # a tenth of the time of looking at each
+                return list(value)
         return [finite(v) for v in value]
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
