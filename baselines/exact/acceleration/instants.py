@@ -3,7 +3,8 @@
 Where a gap in time begins at the earliest time of another joint, one single time of that segment is
 possible, and the inequalities have no interior. An interior-point method then solves the problem
 with limits that are a little wider. From its answer this module goes to the limits themselves, by
-linear programs: each has the inequalities' first derivatives and looks for the shortest duration.
+linear programs. Each has the inequalities' first derivatives. It minimises the largest excess over
+a limit, and among equal excesses the duration.
 """
 
 from __future__ import annotations

@@ -1,13 +1,19 @@
 """Initial guesses under jerk limits, where a motion begins or ends in motion.
 
-The times that are possible for the first and the last segment have gaps, which a descent does not
-cross (`exact.acceleration.gaps`). Under jerk limits these gaps have no closed form. So the
-intervals between them are found on a grid of times, with the extreme profiles. At the segment's
-other end a grid of states is tried, and the one with the most slack is taken. The method has to
-start with positive slack in every inequality, and these times and states have that.
+A *gap* is an interval of times in which a segment is impossible, between possible times on both
+sides: a joint that cannot stop before its waypoint passes it early, or comes back later. The first
+and the last segment may have gaps, and a descent does not cross them (`exact.acceleration.gaps`).
+So there is an initial guess in each interval of possible times, before a gap and behind it.
 
-In a problem of one segment all states are given, and only the time is free. Its optimum is the
-first possible time (`first_time`), which may be a single one before a gap.
+Under jerk limits gaps have no closed form. So no gap is computed: each segment time of a grid is
+tested with the extreme profiles, and a run of possible grid times is one interval (`_places`). At
+the inner end of the first and the last segment a grid of states is tried at each time, and each
+joint takes the one with the most slack (`_outer_segments`). The interior-point method has to start
+with positive slack in every inequality, and these times and states have that.
+
+In a problem of one segment the states at both ends are numbers, and only the time is free. Its
+optimum is the first possible time (`first_time`), which may be a single one before a gap. No
+descent follows.
 
 A motion in motion cannot be dilated. So its limits are made tighter by 1e-10, relative, for its
 rounding, or by 1e-8 (`exact.method.scaled.leave`).
@@ -67,11 +73,12 @@ class JerkStart(NamedTuple):
     acceleration: Array
 
 
-class _Beside(NamedTuple):
+class _OuterSegment(NamedTuple):
     """A time of the first or last segment, and the state at its inner end.
 
     Attributes:
-        time: in units of the problem; NaN where the segment has time to stop.
+        time: in units of the problem. NaN means that the inner end is at rest; the time is then
+            the last interval's, in which the joints can stop.
         state: velocity and acceleration, `(2, joints)`.
     """
 
@@ -80,7 +87,7 @@ class _Beside(NamedTuple):
 
 
 def first_time(scaled: Scaled, rounded: bool = False) -> list[JerkStart]:
-    """Return the first time in which a problem of one segment is possible; none if there is none.
+    """Return the start at the first possible time of a problem of one segment, or an empty list.
 
     At that time one joint becomes possible. So the times at which any does are tried in order: an
     extreme displacement equals the segment's own, or end states come into reach of each other. The
@@ -88,7 +95,9 @@ def first_time(scaled: Scaled, rounded: bool = False) -> list[JerkStart]:
 
     Args:
         scaled: A problem of one segment.
-        rounded: Whether a motion counts that may meet the given states to their rounding only.
+        rounded: Whether a motion counts that meets the end states only within their rounding. Such
+            a time is a guess for the second method (`exact.method.free_pieces`), where the end
+            states were computed and rounded (`exact.method.one_piece.nearly`).
     """
     given = np.array([*zip(scaled.end_v, scaled.end_a, strict=True)])
     speed = np.abs(given[:, 0]).sum(axis=0)
@@ -169,8 +178,11 @@ def _starts(scaled: Scaled, depth: int) -> Iterator[JerkStart]:
     segments, joints = scaled.h.shape
     start, end = (np.array(pair) for pair in zip(scaled.end_v, scaled.end_a, strict=True))
     rest = np.zeros((2, joints))
-    firsts = [*_beside(scaled, depth, 0, start, first=True), _Beside(np.nan, rest)]
-    lasts = [*_beside(scaled, depth, segments - 1, end, first=False), _Beside(np.nan, rest)]
+    firsts = [*_outer_segments(scaled, depth, 0, start, first=True), _OuterSegment(np.nan, rest)]
+    lasts = [
+        *_outer_segments(scaled, depth, segments - 1, end, first=False),
+        _OuterSegment(np.nan, rest),
+    ]
     if segments == 2:
         # both segments share their only waypoint
         for state in [*(own.state for own in firsts), *(own.state for own in lasts[:-1])]:
@@ -206,16 +218,18 @@ def _between(scaled: Scaled, depth: int, segment: int, start: Array, end: Array)
     return [float(times[place]) for place in _places(slack > _SLACK, depth)]
 
 
-def _beside(
+def _outer_segments(
     scaled: Scaled, depth: int, segment: int, given: Array, *, first: bool
-) -> list[_Beside]:
-    """Return a time of every interval in which an end segment is possible, and its inner state.
+) -> list[_OuterSegment]:
+    """Return a time of every interval in which the first or last segment is possible, and a state.
+
+    The state is that of the segment's inner end.
 
     Each joint has the state with the most slack of those tried.
 
     Args:
         scaled: The problem.
-        depth: Distance from the edge of an interval, in times of the grid.
+        depth: Distance of the time from the first one of its interval, in times of the grid.
         segment: The segment's index.
         given: State at the motion's end, `(2, joints)`.
         first: Whether it is the first segment, or the last.
@@ -244,7 +258,7 @@ def _beside(
         best = np.where(better, slack, best)
         chosen = np.where(better[:, None], state.swapaxes(0, 1), chosen)
     inside = best.min(axis=1) > _SLACK
-    return [_Beside(float(times[place]), chosen[place]) for place in _places(inside, depth)]
+    return [_OuterSegment(float(times[place]), chosen[place]) for place in _places(inside, depth)]
 
 
 def _after(given: Array, times: Array, jerk: Array, *, forwards: bool) -> Iterator[Array]:
@@ -315,7 +329,10 @@ def _grid(scaled: Scaled, segment: int, velocity: Array) -> Array:
 
 
 def _places(inside: Bools, depth: int) -> list[int]:
-    """Return the index of an initial guess in every run of the grid that is `inside`."""
+    """Return the index of an initial guess in every run of the grid that is `inside`.
+
+    It is `depth` behind the first one of the run, or in its middle if that is nearer.
+    """
     padded = np.zeros(len(inside) + 2, dtype=bool)
     padded[1:-1] = inside
     edges = np.flatnonzero(np.diff(padded))

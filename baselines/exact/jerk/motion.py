@@ -1,17 +1,25 @@
 """The jerk-limited motion through the waypoint states of an optimum (mathematics, section 5).
 
-1. *States.* The barrier of the interior point keeps away from waypoint states at which a phase
-   vanishes, so short phases remain there. They are removed first: an acceleration that is close to
-   the level of its ramp becomes that level, and a state that is close to its limit becomes the
-   limit.
-2. *Accelerations.* Each joint takes the convex combination of its two extreme profiles that covers
-   the displacement. The motion has the accelerations of that combination at its breaks, and they
-   are linear in between. So it keeps the limits of jerk and acceleration wherever the breaks are.
-3. *Corrections.* Since it is linear in between, it misses the next waypoint a little. A smooth
-   change of acceleration corrects that, or one that a linear program finds.
-4. *Breaks.* All joints of a segment share its breaks. For many joints two evenly spaced ones are
-   enough. The others need breaks where their profiles change their jerk. A break close to another
-   one is removed if the motion keeps its limits without it.
+`_fitted` makes it in these steps:
+
+1. *States* (`_settled`). The barrier of the interior point keeps away from waypoint states at which
+   a phase vanishes. There the displacement depends on the state at second order only, so the
+   optimum's state has a short phase that the motion does not need. Newton's method moves the state
+   to where that phase vanishes. A state close to its limit becomes the limit. An
+   acceleration becomes 0 where the joint has slack in both segments. Only states at inner waypoints
+   change, and only where neither segment becomes impossible.
+2. *Waypoints that were left out* (`_bent`). In a brief segment each joint bends towards one.
+3. *Accelerations* (`_KnottedProfiles`). Each joint takes the convex combination of its two extreme
+   profiles that covers the displacement. The motion has the accelerations of that combination at
+   its breaks, and they are linear in between. So it keeps the limits of jerk and acceleration
+   wherever the breaks are. But it misses the next waypoint a little.
+4. *Breaks* (`_breaks`). All joints of a segment share its breaks. A smooth change of acceleration
+   (`Segments.mended`) corrects the motion with two evenly spaced breaks. The joints that then
+   exceed a limit add the breaks at which their profiles change their jerk.
+5. *Corrections and removals* (`Segments.thinned`). The same smooth change corrects the motion with
+   all breaks. Where a joint then exceeds a limit, a linear program changes its accelerations.
+   Breaks close to another one are removed one by one: each removal is corrected in the same way,
+   and undone if a joint exceeds a limit.
 """
 
 from __future__ import annotations
@@ -109,7 +117,7 @@ class Reachable(Scaled):
 
 
 def fitted(every: Sequence[Reachable], times: Array, states: JerkUnknowns) -> list[Trajectory]:
-    """Return the motions of optima, with few breaks.
+    """Return the motions of optima, with few breaks, in the steps of the module's docstring.
 
     Args:
         every: problems of one shape, from rest to rest; or one alone.
@@ -282,7 +290,8 @@ class _Bend(NamedTuple):
 
     Attributes:
         rows: The inequalities.
-        missed: The miss, relative to the rounding of the waypoint's coordinates.
+        missed: The miss at the time at which the leader passes the waypoint, relative to the
+            rounding of the waypoint's coordinates.
     """
 
     rows: JerkInequalities
@@ -291,6 +300,9 @@ class _Bend(NamedTuple):
 
 class _Passed(NamedTuple):
     """Waypoints that were left out, one in each of some brief segments.
+
+    The *leader* is the joint whose motion says when the waypoint is passed: its state stays. The
+    other joints bend so that they pass the waypoint at that time.
 
     Attributes:
         limits: of the motion.
@@ -310,7 +322,8 @@ class _Passed(NamedTuple):
     def by(self, rows: JerkInequalities, least: float) -> _Bend:
         """Return the program whose motion passes them, if it can.
 
-        A joint of no more than the `least` slack keeps its motion. Each joint is tried as leader.
+        A joint of no more than the `least` slack keeps its motion. Each joint of a large enough
+        step (`LEAST_MOVE`) is tried as leader; that of the least miss counts.
         """
         worst = 0.0
         for segment in self.brief:
@@ -371,7 +384,7 @@ class _Passed(NamedTuple):
         return share, 2 * (away - h * share) / (t**2 * share * (share - 1))
 
     def _led(self, rows: JerkInequalities, segment: int, leader: int, follows: Bools) -> _Bend:
-        """Return the program whose motion passes the waypoint when the leader does.
+        """Return the program whose joints pass the waypoint at the time at which the leader does.
 
         In the brief segment acceleration is constant. The joints that follow take the one with
         which they pass the waypoint, where the segments beside allow it.
@@ -400,7 +413,7 @@ class _Passed(NamedTuple):
 def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities:
     """Return the program with states without short phases, where no cell becomes unreachable.
 
-    Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
+    Odd waypoints change first, then the even ones: so a cell never depends on two changes at once.
     """
     _, waypoints, _ = rows.point.velocity.shape
     odd = np.arange(waypoints)[:, None] % 2 == 1
@@ -425,7 +438,12 @@ def _settled(rows: JerkInequalities, limits: _AllowedMotion) -> JerkInequalities
 
 
 def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> JerkInequalities:
-    """Return the program after a step of Newton's method at some of the waypoints."""
+    """Return the program after a step of Newton's method at some of the waypoints.
+
+    A joint that moves by one extreme profile (`is_alone`) in a cell gets the acceleration at which
+    the profile's short first phase vanishes; of several such accelerations, the nearest. A joint
+    with slack in both cells gets the acceleration 0.
+    """
     cells = rows.cells
     first = rows.profiles.acceleration
     _, _, velocity, acceleration = rows.point
@@ -436,9 +454,9 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     ahead = missing * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
     sides = cells.waypoint_a
-    wished = _beside(level, cells.closed)
+    wished = _by_waypoint(level, cells.closed)
     changes = np.clip(wished, *sides) - acceleration
-    is_wanted = _beside(is_alone & limits.jerky & is_brief, cells.closed)
+    is_wanted = _by_waypoint(is_alone & limits.jerky & is_brief, cells.closed)
     wanted = np.where(is_wanted, changes, np.inf)
     least = np.abs(wanted).argmin(axis=0)[None]
     (change,) = np.take_along_axis(wanted, least, axis=0)
@@ -470,8 +488,12 @@ def _moved(rows: JerkInequalities, velocity: Array, acceleration: Array) -> Jerk
     return JerkInequalities(rows.cells, JerkUnknowns(point.log, ends, velocity, acceleration))
 
 
-def _beside(cells: Array, closed: bool) -> Array:
-    """Return values at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, by waypoint."""
+def _by_waypoint(cells: Array, closed: bool) -> Array:
+    """Return values of the cells before and after each waypoint with a state among the unknowns.
+
+    From `(2 ends, 2 sides, 1, segments, joints)` to `(4, 1, waypoints, joints)`: both sides of the
+    cell before the waypoint, then of the one after it.
+    """
     start, end = cells
     if closed:
         return np.concatenate([end, np.roll(start, -1, axis=2)])
@@ -481,7 +503,7 @@ def _beside(cells: Array, closed: bool) -> Array:
 
 
 def _of_both_cells(cells: Bools, closed: bool) -> Bools:
-    """Return the waypoints with a state of their own where this holds for both cells."""
+    """Return at which waypoints this holds for the cell before it and for the one after it."""
     if closed:
         return np.asarray(cells & np.roll(cells, -1, axis=1))
     before = cells[:, :-1]
