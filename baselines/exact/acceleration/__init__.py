@@ -7,7 +7,6 @@ In reading order:
 - `instants`: times at which such a motion is possible at single instants alone.
 - `profiles`: the two extreme profiles of a joint in a segment, in closed form.
 - `cells`, `newton_step`: unknowns, inequalities and Newton steps of the program.
-- `demands`: the same for a route with demands: least times, a tolerance, a closed motion.
 - `boxes`: problems in which neighbouring waypoints are merged, where their tolerances overlap.
 - `motion`: the motion through the waypoint velocities of an optimum.
 - `by_ipopt`: the same optimum by IPOPT, an independent check.

@@ -2,8 +2,8 @@
 
 A cell is one segment of one joint. Its unknowns are both end velocities and both peaks, counted
 from the segment's mean velocity in units of its time (mathematics, section 4). The other unknowns
-are the logarithms of the segment times, and the waypoint velocities. The inequalities of a cell
-depend on one segment time and two waypoint velocities only.
+are the logarithms of the segment times, the waypoint velocities, and the offsets of waypoints that
+have a tolerance. The inequalities of a cell depend on one segment time and two waypoints only.
 
 On small arrays the overhead of a NumPy call dominates, and a call that broadcasts costs as much as
 three that do not. So several starts share every array, constants are repeated for each start, and
@@ -13,7 +13,7 @@ the axes of length two come first: `(2 ends, 2 sides, starts, segments, joints)`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,8 @@ from trajopt.core.arrays import Array, Bools, Indices
 START_BARRIER = 0.1
 # Largest share of the velocity limits that an initial guess uses.
 _START_ROOM = 0.98
+# Least excess of an initial guess over a least time, relative to it.
+_LATER = 1e-3
 
 # Signs of the upper profile and of the lower one, which is mirrored: h, u, w, peaks change sign.
 _SIGNS = np.array([1.0, -1.0])
@@ -36,13 +38,16 @@ class AccelerationUnknowns(NamedTuple):
 
     Attributes:
         log: logarithms of the segment times in stop times, `(starts, segments)`.
-        velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
+        velocity: at the inner waypoints; of a closed motion at all waypoints but the first,
+            `(starts, waypoints, joints)`.
         inner: of the cells, `(2, 2, starts, segments, joints)`: `ends`, then `peaks`.
+        offset: of the same waypoints from their nominal positions, as `velocity`.
     """
 
     log: Array
     velocity: Array
     inner: Array
+    offset: Array
 
     @property
     def ends(self) -> Array:
@@ -65,7 +70,7 @@ class AccelerationTables:
     """The constant tables of the program.
 
     Args:
-        scaled: the problem of each start.
+        scaled: the problem of each start (`Passing`), all with the same kinds of demands.
     """
 
     def __init__(self, scaled: Abreast) -> None:
@@ -108,7 +113,7 @@ class AccelerationTables:
         self.top = table(top)
         self.h_by_top = self.h / self.top
         self.fastest = table(fastest / top)
-        self.rows: tuple[int, ...] = self.lowest.shape
+        self.kinds = 2
         self.passing: Array | None = None
         if scaled.by_segment:
             # at a segment's end the next segment's velocity limits count too; the last has none
@@ -116,7 +121,22 @@ class AccelerationTables:
             passing = np.full((2, *every), np.inf)
             passing[:, :, : high.shape[1]] = high, -low
             self.passing = passing / top
-            self.rows = (3, *self.lowest.shape[1:])
+            self.kinds += 1
+        problems: Sequence[Any] = scaled.every
+        self.tolerance = np.array([own.tolerance for own in problems])
+        self.tolerant = bool(self.tolerance.any())
+        if self.tolerant:
+            # half width of the box around the waypoint at each cell's end; 1 for an exact waypoint
+            box = np.zeros(every)
+            box[:, : self.tolerance.shape[1]] = self.tolerance
+            self.free = box > 0
+            self.box = np.where(self.free, box, 1.0)
+            self.free_before, _ = self.offsets(np.sign(self.tolerance))
+            self.kinds += 1
+        self.latest = np.array([own.latest for own in problems])
+        self.bounded = np.array([scaled.least > 0, np.isfinite(self.latest)])
+        self.timed = bool(self.bounded.any())
+        self.kinds += self.timed
 
     def of(self, some: Bools | Indices) -> Self:
         """Return the tables of some of the starts."""
@@ -130,13 +150,28 @@ class AccelerationTables:
         """Return waypoint velocities at the start and the end of each segment."""
         return at_ends(velocity, self.scaled.end_v, self.scaled.closed)
 
-    def start(self, times: Array, velocities: Array) -> AccelerationUnknowns:
+    def offsets(self, offset: Array) -> Array:
+        """Return the offsets at the start and the end of each segment, 0 at the motion's ends."""
+        return at_ends(offset, closed=self.scaled.closed)
+
+    def start(self, times: Array, velocities: Array, offset: Array) -> AccelerationUnknowns:
         """Return a point within velocity limits, with peaks as high as times and limits allow.
+
+        Its times are not below the least ones, its offsets are within their boxes.
 
         Args:
             times: of the segments, `(starts, segments)`.
-            velocities: at the inner waypoints, `(starts, segments - 1, joints)`.
+            velocities: at the waypoints with a state, `(starts, waypoints, joints)`.
+            offset: of these waypoints from their nominal positions, likewise.
         """
+        h = self.h
+        if self.timed:
+            times = np.maximum(times, self.scaled.least * (1 + _LATER))
+        if self.tolerant:
+            box = _START_ROOM * self.tolerance
+            offset = np.clip(offset, -box, box)
+            first, last = self.offsets(offset)
+            h = h + SIDES * (last - first)
         fastest = _START_ROOM * self.fastest * self.top
         both = np.minimum(fastest, np.roll(fastest, -1, axis=2))
         if self.passing is not None:
@@ -145,7 +180,7 @@ class AccelerationTables:
         highest, lowest = inner_limits
         velocity = np.clip(velocities, -lowest, highest)
         t = times[..., None]
-        mean = self.h / t
+        mean = h / t
         upper_mean, _ = mean
         excess = self.at_ends(velocity) - upper_mean
         inner = np.empty_like(self.lowest)
@@ -164,12 +199,27 @@ class AccelerationTables:
         limited = np.minimum(filling, allowed)
         faster_end = x.max(axis=0)
         np.maximum(limited, faster_end, out=peaks)
+        if self.tolerant:
+            inner += self._shift(offset, t)
         log = np.log(times / self.stop)
-        point = AccelerationUnknowns(log, velocity, inner)
-        return self.clipped(point)
+        return self.clipped(AccelerationUnknowns(log, velocity, inner, offset))
 
     def clipped(self, point: AccelerationUnknowns) -> AccelerationUnknowns:
         """Return the point with ends and peaks clipped to where an answer can have them."""
-        inner = np.maximum(point.inner, self.lowest)
-        np.minimum(inner, self.highest, out=inner)
-        return AccelerationUnknowns(point.log, point.velocity, inner)
+        inner = point.inner
+        if self.tolerant:
+            shift = self._shift(point.offset, (self.stop * np.exp(point.log))[..., None])
+            inner = np.clip(inner - shift, self.lowest, self.highest) + shift
+        else:
+            inner = np.maximum(inner, self.lowest)
+            np.minimum(inner, self.highest, out=inner)
+        return point._replace(inner=inner)
+
+    def _shift(self, offset: Array, t: Array) -> Array:
+        """Return by how much offsets move the mean velocity from which bounds of `inner` count.
+
+        Ends and peaks themselves count from the mean velocity between the nominal waypoints.
+        """
+        first, last = self.offsets(offset)
+        mean = (last - first) / t**2
+        return np.array([[mean, mean], mean * SIDES])

@@ -25,7 +25,6 @@ import numpy as np
 
 from baselines.exact.acceleration import boxes, gaps, instants
 from baselines.exact.acceleration.cells import AccelerationTables
-from baselines.exact.acceleration.demands import DemandInequalities, DemandTables
 from baselines.exact.acceleration.motion import SegmentTask, pieces
 from baselines.exact.acceleration.newton_step import AccelerationInequalities
 from baselines.exact.acceleration.profiles import extremes
@@ -534,33 +533,26 @@ def _minimised(
         starts: the guesses.
         problems: the number of each guess's problem; by default one for all.
     """
-    scaled = every[0]
     abreast = Abreast(every)
 
     def reached(rows: Any, some: Indices, largest_dilation: float) -> list[LocalOptimum | None]:
         own = abreast if len(some) == len(every) else abreast.of(some)
         return _reached_from(rows, own, largest_dilation)
 
-    if scaled.has_demands:
-        optima = minimised(_demanded(abreast, starts), reached)
-    else:
-        times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
-        cells = AccelerationTables(abreast)
-        rows = AccelerationInequalities(cells, cells.start(times, velocities))
-        optima = minimised(rows, reached, problems)
+    optima = minimised(_begun(abreast, starts), reached, problems)
     return [
         LocalOptimum(np.inf, *start[:2], "Not_Converged") if optimum is None else optimum
         for start, optimum in zip(starts, optima, strict=True)
     ]
 
 
-def _demanded(abreast: Abreast, starts: Sequence[Guess]) -> DemandInequalities:
-    """Return the program of routes with demands at initial guesses."""
-    asked = DemandTables(abreast)
+def _begun(abreast: Abreast, starts: Sequence[Guess]) -> AccelerationInequalities:
+    """Return the program at initial guesses."""
+    cells = AccelerationTables(abreast)
     times, velocities = (np.array(column) for column in list(zip(*starts, strict=True))[:2])
-    still = np.zeros(asked.tolerance.shape[1:])
+    still = np.zeros_like(velocities[0])
     offset = np.array([still if own.offset is None else own.offset for own in starts])
-    return DemandInequalities(asked, asked.near(times, velocities, offset))
+    return AccelerationInequalities(cells, cells.start(times, velocities, offset))
 
 
 def _reached_from(
@@ -570,8 +562,7 @@ def _reached_from(
     cells = rows.cells
     times = rows.times
     ends = rows.point.ends
-    tolerant = isinstance(cells, DemandTables) and cells.tolerant
-    if not tolerant:
+    if not cells.tolerant:
         # A joint at its limit throughout a segment has end velocities ∓A T/2 from the mean one.
         gain = ends[1] - ends[0]
         limit = np.where(gain > 0, abreast.a[1], abreast.a[0])
@@ -579,7 +570,7 @@ def _reached_from(
         ends = np.where(is_full, [-limit / 2, limit / 2], ends)
     velocities = inner_velocities(abreast.h, times, ends, abreast.closed)
     velocities = within(velocities, abreast.waypoint_v)
-    if not tolerant:
+    if not cells.tolerant:
         return _reached(abreast, times, velocities, largest_dilation)
     offsets = np.clip(rows.point.offset, -cells.tolerance, cells.tolerance)
     pairs = zip(abreast.every, offsets, strict=True)
@@ -618,7 +609,7 @@ def _near_optima(
         return interior_point.near(iterate, within) & (missed <= within)
 
     abreast = Abreast(every)
-    rows = _demanded(abreast, starts)
+    rows = _begun(abreast, starts)
     numbers = np.arange(len(every))  # each guess ends its steps by itself
     end = interior_point.descended(interior_point.begun(rows), there, _NEAR_STEPS, numbers)
     return _reached_from(end.state.rows, abreast, 1 + _NEAR_FACTOR * within)

@@ -6,7 +6,6 @@ In reading order:
 - `gaps`: the initial guesses of a motion that begins or ends in motion.
 - `profiles`: the two extreme profiles of a joint in a segment, in closed form.
 - `cells`: unknowns, inequalities and Newton steps of the program.
-- `near`: the same with waypoints within a tolerance.
 - `motion`: the motion through the waypoint states of an optimum.
 - `by_ipopt`: the same optimum by IPOPT, an independent check.
 - `one_sided`: why jerk limits on one side only have no optimum.

@@ -7,6 +7,10 @@ ties each to its waypoint's velocity `v`: `h/T + T x = v`. The inequalities of a
 time, its end velocities and its waypoints' accelerations only. Several starts share every array:
 `(2 ends, 2 sides, starts, segments, joints)`.
 
+With a tolerance `r` the offsets `p` of the inner waypoints from their nominal positions are
+unknowns too, and `|p| ≤ r`. A cell's displacement grows by the offset `p'` at its end less the one
+`p` at its start, so its displacement inequalities change by `(p' − p)/T²`, in units of its time.
+
 Along a Newton step 1/T, the accelerations, and at each waypoint the `x` of the shorter segment
 change linearly. The velocities then change nearly linearly too. Along a step that is linear in
 `log T` they would not, in a segment of 1e-7 s.
@@ -41,17 +45,24 @@ from trajopt.core.arrays import Array, Bools, Indices
 
 # Order of a cell's inequalities, each for both sides: displacement (of both kinds of profiles, see
 # `JerkTables`), acceleration and velocity at the cell's end. Then the least time, if one is asked
-# for. Where limits differ from segment to segment, the velocity at the cell's start is last. Before
-# it, where one instant passes several waypoints, comes the velocity at the cell's end again, with
-# the limits of the segments between these waypoints.
+# for, and the box around the waypoint at the cell's end, with a tolerance. Where limits differ from
+# segment to segment, the velocity at the cell's start is last. Before it, where one instant passes
+# several waypoints, comes the velocity at the cell's end again, with the limits of the segments
+# between these waypoints.
 REACH = 4
 SLOWER = slice(REACH, REACH + 2)
 FASTER = slice(REACH + 2, REACH + 4)
 LEAST = REACH + 4
 EARLY = slice(-2, None)
 PASSED = slice(-4, -2)
+# With a tolerance the offsets at both ends of a cell follow its other five variables. In the chain
+# each follows the acceleration of its waypoint.
+OFFSETS = 5, 6
+_IN_CHAIN = [0, 1, 2, 5, 3, 4, 6]
+_FROM_CHAIN = [0, 1, 2, 4, 5, 3, 6]
 # Signs of acceleration at both ends: the end is seen backwards in time, where it is mirrored.
 FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
+_UP_AND_DOWN = np.reshape([-1.0, 1.0], (2, 1, 1, 1))  # signs of an offset in its box
 # A smaller residual of a link, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
 # Barrier parameter of a start, times the number of inequalities, relative to the duration.
@@ -66,12 +77,14 @@ class JerkUnknowns(NamedTuple):
         ends: the cells' end velocities, `(2 ends, starts, segments, joints)`.
         velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
         acceleration: likewise.
+        offset: of these waypoints from their nominal positions, likewise.
     """
 
     log: Array
     ends: Array
     velocity: Array
     acceleration: Array
+    offset: Array
 
 
 class JerkTables:
@@ -104,6 +117,7 @@ class JerkTables:
         self.seen = np.ones((5, *self.signs.shape))
         self.seen[1:4] = self.signs
         self.seen[4] = -self.signs
+        self.seen_twice = self.seen[:, None] * self.seen
 
         rising = sides(a2, a1)
         falling = sides(a1, a2)
@@ -136,15 +150,24 @@ class JerkTables:
         # a given last state needs no inequalities: those of that waypoint are the constant 1
         self.given = bool(np.any(scaled.end_v) or np.any(scaled.end_a))
         self.least = scaled.least if scaled.least.any() else None
+        self.tolerant = bool(scaled.tolerance.any())
+        if self.tolerant:
+            # half width of the box around the waypoint at each cell's end; 1 for an exact waypoint
+            box = np.zeros(scaled.h.shape)
+            box[: len(scaled.tolerance)] = scaled.tolerance
+            self.free = box > 0
+            self.box = np.where(self.free, box, 1.0)
+            self.free_before = np.roll(self.free, 1, axis=0)
+            self.free_before[0] &= scaled.closed
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
         """Return the point with these segment times, `(starts, segments)`, and waypoint states.
 
-        Its end velocities keep every link.
+        Its end velocities keep every link, and its waypoints are at their nominal positions.
         """
         t = times[..., None]
         ends = (at_ends(velocity, self.end_v, self.closed) - self.h / t) / t
-        return JerkUnknowns(np.log(times), ends, velocity, acceleration)
+        return JerkUnknowns(np.log(times), ends, velocity, acceleration, np.zeros_like(velocity))
 
     def of(self, some: Bools | Indices) -> Self:
         """Return the tables of some of the starts; those of one problem are the same for all."""
@@ -210,6 +233,16 @@ class JerkInequalities:
                 table[..., -1, :] = 1.0
         if cells.least is not None:
             tables.append(_longer(times, cells.least, velocity.shape))
+        if cells.tolerant:
+            # a time may tend to 0, or a box may be as wide as the displacement
+            self.max_iterations = 120
+            first, last = at_ends(point.offset, closed=cells.closed)
+            self.way = cells.signs * ((last - first) / t**2)
+            reach = tables[0] = reach - self.way
+            share = last / cells.box
+            begin = sum(map(len, tables))
+            self.boxes = slice(begin, begin + 2)
+            tables.append(np.where(cells.free, [1 - share, 1 + share], 1.0))
         if cells.passing is not None:
             room = cells.passing - signs * velocity
             tables.append(np.where(np.isfinite(room), room, 1.0))
@@ -277,14 +310,12 @@ class JerkInequalities:
         The first ones of all, the second ones of the displacements.
         """
         reach, second = self.profiles.slopes()
-        seen = self.cells.seen
-        second *= seen[:, None]
-        second *= seen
+        second *= self.cells.seen_twice
         signs = self.cells.signs[:2]
         own = self.t * signs
         starts, ends = self.point.ends
-        first = np.zeros((5, len(self.values), *self.mean.shape))
-        first[:, :REACH] = reach * seen
+        first = np.zeros((5 + 2 * self.cells.tolerant, len(self.values), *self.mean.shape))
+        np.multiply(reach, self.cells.seen, out=first[:5, :REACH])
         first[ACCELERATIONS[1], SLOWER] = -signs
         # dv = T dx − (h/T − T x) ds
         first[TIME, FASTER] = own * (self.steep - ends)
@@ -303,7 +334,25 @@ class JerkInequalities:
             first[VELOCITIES[0], EARLY] = -own
             first[ACCELERATIONS[0], EARLY] = -self.cells.falling * self.ramping
             first[:, EARLY] *= self.cells.starts
+        if self.cells.tolerant:
+            second = self._slopes_of_offsets(first, second)
         return Slopes(first, second)
+
+    def _slopes_of_offsets(self, first: Array, second: Array) -> Array:
+        """Add what depends on the offsets to the first derivatives; return the second ones."""
+        cells = self.cells
+        before, after = OFFSETS
+        by_square = cells.signs / self.t**2
+        first[TIME, :REACH] += 2 * self.way
+        first[before, :REACH] = by_square * cells.free_before
+        first[after, :REACH] = -by_square * cells.free
+        first[after, self.boxes] = _UP_AND_DOWN * (cells.free / cells.box)
+        wider = np.zeros((7, 7, *second.shape[2:]))
+        wider[:5, :5] = second
+        wider[TIME, TIME] -= 4 * self.way
+        for offset in OFFSETS:
+            wider[TIME, offset] = wider[offset, TIME] = -2 * first[offset, :REACH]
+        return wider
 
     @cached_property
     def missing(self) -> Array:
@@ -396,9 +445,14 @@ class JerkLinearisation:
         """Return the Newton step to these multipliers, and its first-order change of the slacks."""
         log, cells, velocity = self.chain.step(self._gradient(aim))
         by_variable = cells.transpose(3, 0, 1, 2)
+        tolerant = self.rows.cells.tolerant
+        if tolerant:
+            by_variable = by_variable[_FROM_CHAIN]
         change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
-        acceleration = by_variable[ACCELERATIONS[1], :, : velocity.shape[1]]
-        step = JerkUnknowns(log, by_variable[list(VELOCITIES)], velocity, acceleration)
+        inner = slice(velocity.shape[1])
+        acceleration = by_variable[ACCELERATIONS[1], :, inner]
+        offset = by_variable[OFFSETS[1], :, inner] if tolerant else np.zeros_like(velocity)
+        step = JerkUnknowns(log, by_variable[list(VELOCITIES)], velocity, acceleration, offset)
         return step, change[:, None]
 
     def bending(self, step: JerkUnknowns) -> Array:
@@ -422,18 +476,27 @@ class JerkLinearisation:
 
     def _changes(self, step: JerkUnknowns) -> Array:
         """Return a step over the variables of every cell."""
-        before, after = at_ends(step.acceleration, closed=self.rows.cells.closed)
+        cells = self.rows.cells
+        before, after = at_ends(step.acceleration, closed=cells.closed)
         log = np.broadcast_to(step.log[..., None], after.shape)
-        return np.array([log, step.ends[0], before, step.ends[1], after])
+        offsets = at_ends(step.offset, closed=cells.closed) if cells.tolerant else ()
+        return np.array([log, step.ends[0], before, step.ends[1], after, *offsets])
 
     def _by_cell(self, matrix: Array) -> Array:
         """Return the matrix over each cell's variables with the axes in the order of `Chain`."""
+        cells = self.rows.cells
+        if cells.tolerant:
+            # an exact waypoint has no offset: an entry on the diagonal keeps the matrix regular
+            matrix[OFFSETS[1], OFFSETS[1]] += ~cells.free
+            matrix = matrix[np.ix_(_IN_CHAIN, _IN_CHAIN)]
         return matrix.transpose(2, 3, 4, 0, 1)
 
     def _gradient(self, multipliers: Array) -> Array:
         """Return the gradient over the cells' variables, the residuals of the links included."""
         pressed = multipliers[:, 0] - self.weights * self.missed
         gradient = (pressed * self.rows.slopes.first).sum(axis=1)
+        if self.rows.cells.tolerant:
+            gradient = gradient[_IN_CHAIN]
         return gradient.transpose(1, 2, 3, 0)
 
 

@@ -302,6 +302,7 @@ def _inequalities(scaled: Scaled, segment: int, times: Array, states: Array) -> 
     own.h = scaled.h[[segment]]
     own.v, own.a, own.r = (_of(limits, segment) for limits in (scaled.v, scaled.a, scaled.r))
     own.end_v, own.end_a = states[:, 0], states[:, 1]
+    own.tolerance = own.h[:0]
     own.least = np.zeros(1)
     own.closed = own.by_segment = False
     own.passing = None

@@ -31,7 +31,6 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from baselines.exact.jerk.cells import FLIPS, JerkInequalities, JerkTables, JerkUnknowns
-from baselines.exact.jerk.near import NearUnknowns, at_exact_points
 from baselines.exact.method.chain import at_ends
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import (
@@ -109,9 +108,10 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        if isinstance(states, NearUnknowns):
+        if self.tolerance.any():
             moved = self.shifted(np.clip(states.offset[0], -self.tolerance, self.tolerance))
-            return moved.trajectory(times, at_exact_points(moved, times, states))
+            own = JerkTables(moved).linked(times[None], states.velocity, states.acceleration)
+            return moved.trajectory(times, own)
         (motion,) = fitted([self], times[None], states)
         return motion
 
@@ -446,7 +446,7 @@ def _settling(rows: JerkInequalities, limits: _AllowedMotion, chosen: Bools) -> 
     """
     cells = rows.cells
     first = rows.profiles.acceleration
-    _, _, velocity, acceleration = rows.point
+    velocity, acceleration = rows.point.velocity, rows.point.acceleration
     is_alone = _shares(rows, limits) == 1
     is_brief = rows.profiles.first < BRIEF_RTOL * limits.ramp
     # the level changes by the share up/(up + down) of a change in acceleration
@@ -485,7 +485,8 @@ def _moved(rows: JerkInequalities, velocity: Array, acceleration: Array) -> Jerk
     point = rows.point
     change = at_ends(velocity - point.velocity, closed=rows.cells.closed)
     ends = point.ends + change / rows.t
-    return JerkInequalities(rows.cells, JerkUnknowns(point.log, ends, velocity, acceleration))
+    moved = point._replace(ends=ends, velocity=velocity, acceleration=acceleration)
+    return JerkInequalities(rows.cells, moved)
 
 
 def _by_waypoint(cells: Array, closed: bool) -> Array:

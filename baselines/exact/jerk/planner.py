@@ -16,7 +16,7 @@ from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from baselines.exact.acceleration.planner import without_jerk
 from baselines.exact.jerk import gaps, one_sided
 from baselines.exact.jerk.cells import JerkInequalities, JerkTables
 from baselines.exact.jerk.gaps import JerkStart
-from baselines.exact.jerk.near import NearInequalities, NearTables
 from baselines.exact.method import brief_steps, free_pieces, gate, one_piece
 from baselines.exact.method.free_pieces import FreeGuess, FreeOptimum
 from baselines.exact.method.interior_point import (
@@ -271,10 +270,8 @@ def _freely(
     from baselines.exact.jerk.motion import Reachable
 
     def optimum(scaled: Scaled, found: FreeOptimum) -> LocalOptimum:
-        near = scaled.tolerance.any()
-        tables: Any = NearTables(scaled) if near else JerkTables(scaled)
-        point = tables.linked(found.times[None], found.velocity[None], found.acceleration[None])
-        states = point._replace(offset=found.offset[None]) if near else point
+        own = (found.times[None], found.velocity[None], found.acceleration[None])
+        states = JerkTables(scaled).linked(*own)._replace(offset=found.offset[None])
         return LocalOptimum(float(found.times.sum()), found.times, states, "Converged")
 
     scales = [Reachable(problem, passing=passing) for _ in free_pieces.SPARES]
@@ -349,17 +346,14 @@ def _minimised(
         most_steps: of the interior-point method; by default as many as it allows.
         every: the problem of each guess, where they are several.
     """
-    near = bool(scaled.tolerance.any())
-    tables: Any = NearTables if near else JerkTables
-    cells = tables(scaled, 2, every)
-    begins: Any = NearInequalities if near else JerkInequalities
+    cells = JerkTables(scaled, 2, every)
     times, velocity, acceleration = (np.array(own) for own in zip(*starts, strict=True))
     # the number of each guess's problem
     problems = np.unique([id(own) for own in every], return_inverse=True)[1] if every else None
     # a start that diverges overflows; `converged` is then false
     with np.errstate(all="ignore"):
         point = cells.linked(times, velocity, acceleration)
-        rows = begins(cells, point)
+        rows = JerkInequalities(cells, point)
         if most_steps is not None:
             rows.max_iterations = most_steps
         iterate = descended(begun(rows), converged, problems=problems)

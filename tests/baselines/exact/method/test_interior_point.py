@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ def duration(problem: Problem) -> float:
     scaled = Passing(problem)
     cells = AccelerationTables(Abreast([scaled]))
     ((times, velocities, _),) = starting_points(scaled, 1)
-    point = cells.start(times[None], velocities[None])
+    point = cells.start(times[None], velocities[None], 0 * velocities[None])
     iterate = interior_point.begun(AccelerationInequalities(cells, point))
     iterate = interior_point.descended(iterate, interior_point.converged)
     assert interior_point.converged(iterate)
@@ -67,14 +68,22 @@ def test_ipopt_finds_the_same_optimum_of_random_ones(seed: int) -> None:
     assert duration(problem) == pytest.approx(by_ipopt(problem), rel=1e-9)
 
 
-def drawn(segments: int, joints: int) -> Problem:
+_OFFSET = 0.01  # of waypoints within a tolerance
+
+
+def drawn(segments: int, joints: int, **demands: Any) -> Problem:
     """A random problem with asymmetric limits, jerk limits among them."""
     rng = np.random.default_rng(segments)
     steps = rng.uniform(-1, 1, (segments + 1, joints))
     sides = rng.uniform(0.5, 2.0, (3, joints, 2)) * [-1, 1]
     velocity, acceleration, jerk = sides
     limits = Limits(velocity, acceleration, 4 * jerk)
-    return Problem(np.cumsum(steps, axis=0), limits)
+    return Problem(np.cumsum(steps, axis=0), limits, **demands)
+
+
+def asked(segments: int, joints: int, demanding: bool) -> dict[str, Any]:
+    """A tolerance and least times, or nothing."""
+    return {"tolerance": [0.1] * joints, "least_times": [0.1] * segments} if demanding else {}
 
 
 def started(problem: Problem) -> AccelerationInequalities:
@@ -84,7 +93,9 @@ def started(problem: Problem) -> AccelerationInequalities:
     ((times, velocities, _),) = starting_points(scaled, 1)
     moved = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
     cells = AccelerationTables(Abreast([scaled] * 2))
-    return AccelerationInequalities(cells, cells.start(np.stack([times, 0.9 * times]), moved))
+    return AccelerationInequalities(
+        cells, cells.start(np.stack([times, 0.9 * times]), moved, 0 * moved + _OFFSET)
+    )
 
 
 def started_under_jerk(problem: Problem) -> JerkInequalities:
@@ -95,15 +106,19 @@ def started_under_jerk(problem: Problem) -> JerkInequalities:
     states = rng.uniform(-0.1, 0.1, (2, 2, segments - 1, joints))
     times = np.stack([1.5 * scaled.stop, 2 * scaled.stop])
     cells = JerkTables(scaled, kinds=2)
-    return JerkInequalities(cells, cells.linked(times, *states))
+    point = cells.linked(times, *states)
+    return JerkInequalities(cells, point._replace(offset=point.offset + _OFFSET))
 
 
 @pytest.mark.parametrize("start", [started, started_under_jerk])
 @pytest.mark.parametrize("joints", [1, 3])
 @pytest.mark.parametrize("segments", [1, 2, 5])
-def test_a_step_changes_rows_as_differences_say(start, segments: int, joints: int) -> None:
+@pytest.mark.parametrize("demanding", [False, True])
+def test_a_step_changes_rows_as_differences_say(
+    start, segments: int, joints: int, demanding: bool
+) -> None:
     """Rows are differentiated by hand: along a step they change as they do in small."""
-    rows = start(drawn(segments, joints))
+    rows = start(drawn(segments, joints, **asked(segments, joints, demanding)))
     rng = np.random.default_rng(1)
     multipliers = rng.uniform(0.1, 1.0, rows.values.shape)
     with np.errstate(all="ignore"):
@@ -119,8 +134,9 @@ def test_a_step_changes_rows_as_differences_say(start, segments: int, joints: in
 
 
 @pytest.mark.parametrize("segments", [1, 2, 5])
-def test_a_step_bends_rows_as_second_differences_say(segments: int) -> None:
-    rows = started_under_jerk(drawn(segments, 3))
+@pytest.mark.parametrize("demanding", [False, True])
+def test_a_step_bends_rows_as_second_differences_say(segments: int, demanding: bool) -> None:
+    rows = started_under_jerk(drawn(segments, 3, **asked(segments, 3, demanding)))
     rng = np.random.default_rng(1)
     multipliers = rng.uniform(0.1, 1.0, rows.values.shape)
     with np.errstate(all="ignore"):
@@ -201,7 +217,9 @@ def test_the_worked_example_of_crossover() -> None:
     scaled = Passing(problem)
     tables = AccelerationTables(Abreast([scaled]))
     ((times, velocities, _),) = starting_points(scaled, 1)
-    start = AccelerationInequalities(tables, tables.start(times[None], velocities[None]))
+    start = AccelerationInequalities(
+        tables, tables.start(times[None], velocities[None], 0 * velocities[None])
+    )
     iterate = interior_point.descended(interior_point.begun(start), crossover.ATTEMPTS[0])
     slacks = iterate.state.slacks / iterate.before.slacks
     multipliers = iterate.state.multipliers / iterate.before.multipliers
