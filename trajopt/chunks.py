@@ -298,10 +298,10 @@ def take_over(
 ) -> ChunkAnswer:
     """Return the motion through new targets that takes over from one that runs, in bounded time.
 
-    A few initial guesses are tried, then the spline, and nothing slow. Under jerk limits the spline
-    alone is as quick where it takes over in motion, and `QUICK` where it begins at rest. Where
-    there is none, `motion` is None: the running motion then goes on; it ends at rest, as every
-    answer does that is not asked to end in motion.
+    A few initial guesses are tried, then the spline. Slower methods are left out. Under jerk limits
+    only the spline is as quick where the new motion begins in motion, and `QUICK` where it begins
+    at rest. Without an answer `motion` is None, and the running motion goes on. That ends at rest,
+    as every answer does that is not asked to end in motion.
 
     Args:
         running: the motion that runs.

@@ -45,8 +45,8 @@ class Asked(NamedTuple):
 
     Attributes:
         boxes: lowest and highest values of each derivative, `(4 orders, 2, intervals, joints)`.
-        leaving: lowest and highest velocities where a joint may only go back, infinite elsewhere,
-            `(2, intervals, joints)`.
+        leaving: lowest and highest velocities, `(2, intervals, joints)`. One of them is 0 where a
+            joint may only move away from an end of its range; elsewhere they are infinite.
         curved: the limits with other rows.
         segments: the segment of each interval.
     """

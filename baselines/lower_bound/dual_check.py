@@ -4,8 +4,8 @@ The relaxation has inequalities `A x ≤ b`. The multipliers `y ≥ 0` of a step
 
     c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box of (c + Aᵀ y) x, less bᵀ y.
 
-The search computes this in floats, less the rounding. What a finished proof proves, the kernel says
-(`trajopt.judging.check_proof`), in exact fractions.
+The search computes this in floats, less the rounding. The bound of a finished proof is computed by
+the kernel (`trajopt.judging.check_proof`), in exact fractions.
 """
 
 from __future__ import annotations

@@ -430,7 +430,7 @@ def _positions(group: Any, key: str) -> NDArray[Any]:
     """Return a table of positions of an HDF5 file.
 
     Raises:
-        InvalidInput: There is none under this key.
+        InvalidInput: The file has no positions under this key.
     """
     found = group.get(key)
     if getattr(found, "ndim", 0) != 2 or found.dtype.kind not in "iuf":

@@ -1,4 +1,4 @@
-"""Recognise a log among motions, and judge it by what its samples are known to.
+"""Recognise a log among motions, and judge it within the accuracy of its samples.
 
 A table of many positions without velocities is a log, whatever its digits are, since the motion
 between them is not known. A file with velocities is a log if its samples are close together and a

@@ -57,7 +57,7 @@ class Trial:
     or the name that a user gave to a planner that is not registered.
     `status` and `message` are the verdict. Of a motion it follows from the motion alone, whatever
     its planner says: `solved` if the verifier certifies a duration, `invalid` if not. Without a
-    motion it is the planner's own status. `setup_time` is the wall time, s, for what later calls
+    motion the status is the planner's own. `setup_time` is the wall time, s, for what later calls
     need not repeat: importing what the planner requires, and building what it keeps. `solve_time`
     is the rest. Of a batch of `batch` runs solved together, each has its share. `asked` is the time
     at which a later comparison kept it in place of trials of newer code. `differences` are the

@@ -286,7 +286,8 @@ def _of_motion(
     """Return the candidate in a motion's file.
 
     Raises:
-        InvalidInput: It cannot be read, its problem is in no suite, or it does not solve it.
+        InvalidInput: The file cannot be read, its problem is in no suite, or the motion does not
+            solve the problem.
     """
     if problem is None:
         raise InvalidInput("PROBLEM", "the problem that the motion is about")

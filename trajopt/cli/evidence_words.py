@@ -56,7 +56,7 @@ def print_evidence(found: Evidence, execution: Execution) -> None:
 
 
 def _premises(found: Evidence, execution: Execution) -> Iterator[str]:
-    """Say what positions are known to: a sentence for all joints that are known alike."""
+    """Say how accurately positions are known: one sentence for all joints of one accuracy."""
     labels = execution.problem.joint_labels
     moving = [joint for joint, logged in enumerate(found.joints) if np.ptp(logged.positions) > 0]
     alike: dict[tuple[object, ...], list[int]] = {}
@@ -101,9 +101,9 @@ def _kind(known: Premise) -> tuple[object, ...]:
 
 
 def premise(known: Premise, decimals: int, unit: str, several: bool = False) -> str:
-    """Say what one joint's positions are known to, and whether that was found or stated.
+    """Say how accurately one joint's positions are known, and whether that was found or stated.
 
-    Of several joints these are the positions that are known least.
+    Of several joints it is the one whose positions are known least accurately.
     """
     width = f"Positions are known to {_width(known)} {unit}{' or better' if several else ''}"
     digits = f"{decimals} decimal{'' if decimals == 1 else 's'}"

@@ -234,7 +234,7 @@ def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
     """Check before the work whether a file can be written after it.
 
     Raises:
-        InvalidInput: It is there already (and not `force`), is a folder, or its folder cannot be
+        InvalidInput: The file exists (and `force` is False), is a folder, or its folder cannot be
             written or made.
         MissingBackend: YAML needs a package that is not installed.
     """

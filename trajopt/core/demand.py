@@ -80,7 +80,7 @@ class Demand:
     whole: bool = False
 
     def shape(self, waypoints: int, joints: int) -> tuple[int, ...]:
-        """Return the shape of its numbers for a number of waypoints and joints."""
+        """Return the shape of the demand's numbers in a problem of these waypoints and joints."""
         sizes = {"waypoints": waypoints, "segments": waypoints - 1, "joints": joints}
         return tuple(sizes[axis] for axis in self.axes)
 

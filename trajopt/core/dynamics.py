@@ -21,8 +21,8 @@ class Dynamics:
         origins: Pose of each joint's frame in the frame of the joint before, m, `(joints, 4, 4)`.
         axes: Unit vectors in each joint's own frame, `(joints, 3)`.
         slides: Which joints slide along their axes, `(joints,)`.
-        bodies: The pseudo-inertia of what each joint moves itself, in its own frame,
-            `(joints, 4, 4)`.
+        bodies: Pseudo-inertia of the bodies between each joint and the next one, in the joint's
+            frame, `(joints, 4, 4)`.
         damping: Viscous friction, N m s/rad (N s/m), `(joints,)`.
         gravity: Acceleration by gravity in the base, m/s², `(3,)`.
     """

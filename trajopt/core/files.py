@@ -53,7 +53,7 @@ def text(
         marks: Characters that are counted against `MAX_VALUES`.
 
     Raises:
-        InvalidInput: It cannot be read, is in another encoding, or exceeds a bound; names the file.
+        InvalidInput: The file cannot be read, is in another encoding, or exceeds a bound; names it.
     """
     try:
         found = _decoded(content(path, max_bytes))

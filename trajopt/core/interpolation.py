@@ -39,7 +39,7 @@ def chosen(
     """The interpolation that is meant, `auto` resolved.
 
     Raises:
-        InvalidInput: It is unknown, or the samples lack what it needs.
+        InvalidInput: The interpolation is unknown, or the samples lack what it needs.
     """
     if interpolation not in get_args(Interpolation):
         names = ", ".join(get_args(Interpolation))

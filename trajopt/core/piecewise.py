@@ -28,7 +28,7 @@ def of_scipy(function: PPoly | BSpline) -> PiecewisePolynomial:
     """Convert SciPy's piecewise polynomial or B-spline.
 
     Raises:
-        InvalidTrajectory: It is neither a `PPoly` nor a `BSpline`, or not usable as one.
+        InvalidTrajectory: The object is neither a `PPoly` nor a `BSpline`, or not usable as one.
     """
     from scipy.interpolate import BSpline, PPoly  # slow to import, and seldom needed
 
@@ -44,7 +44,8 @@ def of_ppoly(ppoly: PPoly) -> PiecewisePolynomial:
     """SciPy's piecewise polynomial (`CubicSpline` and the like too), one column per joint.
 
     Raises:
-        InvalidTrajectory: It is of several axes, complex, or its breaks do not increase.
+        InvalidTrajectory: The polynomial has several axes, is complex, or its breaks do not
+            increase.
     """
     coefficients = _columns(np.asarray(ppoly.c), "coefficients")
     breaks = np.asarray(ppoly.x, dtype=float)
@@ -59,7 +60,7 @@ def of_spline(spline: BSpline) -> PiecewisePolynomial:
     Every piece is the Taylor polynomial at its first knot, which is the piece itself.
 
     Raises:
-        InvalidTrajectory: It is of several axes or complex.
+        InvalidTrajectory: The spline has several axes or is complex.
     """
     degree = int(spline.k)
     knots = np.asarray(spline.t, dtype=float)

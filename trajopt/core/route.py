@@ -111,7 +111,7 @@ class Route:
     def rests(self) -> Indices:
         """Return the waypoints at which the robot stands, by index: where it waits, and the ends.
 
-        An end counts unless the motion is closed, or has a velocity or an acceleration there.
+        The ends of a closed motion do not count, nor does an end with a velocity or acceleration.
         """
         found = self.demand("dwell") > 0
         for waypoint, state in ((0, self.start), (-1, self.end)):

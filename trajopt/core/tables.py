@@ -61,7 +61,7 @@ def check_length(key: str, name: str, joint: int | None = None) -> None:
     """Refuse a name that is too long for a line, a table or a file.
 
     Raises:
-        InvalidInput: It has more than `MAX_NAME` characters.
+        InvalidInput: The name has more than `MAX_NAME` characters.
     """
     if len(name) > MAX_NAME:
         right = f"a name of at most {MAX_NAME} characters"

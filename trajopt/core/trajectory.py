@@ -324,7 +324,8 @@ class Trajectory:
                 start and the end alone.
 
         Raises:
-            InvalidTrajectory: It is of several axes, complex, not finite, or runs backwards.
+            InvalidTrajectory: The polynomial has several axes, is complex or not finite, or runs
+                backwards.
         """
         return cls._of_pieces(piecewise.of_scipy(ppoly), waypoint_times)
 
@@ -340,7 +341,7 @@ class Trajectory:
             waypoint_times: as for `from_ppoly`.
 
         Raises:
-            InvalidTrajectory: It is of several axes, complex or not finite.
+            InvalidTrajectory: The spline has several axes, or is complex or not finite.
         """
         return cls._of_pieces(piecewise.of_scipy(spline), waypoint_times)
 

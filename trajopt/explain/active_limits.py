@@ -34,8 +34,8 @@ class ActiveLimit:
         limit: The kind of limit, by its key.
         start, end: s. Interruptions shorter than 1 % of the duration are left out.
         saving: The time saved, s, if that limit of that joint is 1 % wider (a position limit: by
-            1 % of the range). It is the same in every interval of one limit. None where the relaxed
-            problem has no answer.
+            1 % of the range). All intervals of one limit have the same saving. None where the
+            relaxed problem has no answer.
         segment: Index of the segment with this limit; None where all segments have the same.
     """
 

@@ -111,7 +111,7 @@ def under_peak_jerk(problem: Problem, peak_jerk: ArrayLike) -> Problem:
         peak_jerk: rad/s³, one per joint; 0 for a joint that never moves.
 
     Raises:
-        InvalidInput: It is not one number per joint.
+        InvalidInput: `peak_jerk` is not one number per joint.
     """
     jerk = np.asarray(peak_jerk, dtype=float)
     if jerk.shape != (problem.joints,):

@@ -51,7 +51,7 @@ def read(
         joint_units: "rad" or "m" by the names of the robot's joints, where known.
 
     Raises:
-        InvalidInput: It cannot be read, or has no times or positions; names its arrays.
+        InvalidInput: The file cannot be read, or has no times or positions; names its arrays.
     """
     held = load(path)
     if isinstance(held, np.ndarray):
@@ -64,7 +64,7 @@ def load(path: Path) -> dict[str, NDArray[Any]] | NDArray[Any]:
     """Return the arrays of a `.npz` or `.npy` file by their names, or one without a name.
 
     Raises:
-        InvalidInput: It cannot be read.
+        InvalidInput: The file cannot be read.
     """
     try:
         with files.opened(path) as file:
@@ -97,7 +97,7 @@ def samples(
         joint_units: As in `read`.
 
     Raises:
-        InvalidInput: It has no times or no positions; names its arrays.
+        InvalidInput: The table has no times or no positions; names its arrays.
     """
     whole = table(given, name)
     wanted = asked(unit)
@@ -115,7 +115,7 @@ def table(given: Any, name: str) -> Table:
         name: The file's name, for notes.
 
     Raises:
-        InvalidInput: It has no times or no positions; names its arrays.
+        InvalidInput: The table has no times or no positions; names its arrays.
     """
     return _table(_arrays(given), name)
 

@@ -128,7 +128,7 @@ def table(text: str, *, commented: bool = False) -> Table:
         commented: True if the header may be in a comment, as NumPy writes it.
 
     Raises:
-        InvalidInput: It is empty.
+        InvalidInput: The text is empty.
     """
     content: list[Line] = []
     comment = ""

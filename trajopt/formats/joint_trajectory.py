@@ -178,10 +178,11 @@ def found(message: Any) -> dict[str, Mapping[str, Any]]:
     """Return every JointTrajectory inside a message, by its place there.
 
     Those without points are returned only if there are no others. A trajectory of poses
-    (`MultiDOFJointTrajectory`) is none. Motions of `play_motion` are returned as messages.
+    (`MultiDOFJointTrajectory`) does not count. Motions of `play_motion` are returned as messages.
 
     Raises:
-        InvalidInput: There is none, or a motion's positions do not fit its times.
+        InvalidInput: The message has no JointTrajectory, or a motion's positions do not fit its
+            times.
     """
     tables: dict[str, Mapping[str, Any]] = {}
     level = [("", message)]

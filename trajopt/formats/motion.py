@@ -120,7 +120,7 @@ class Motion:
         gripper's, say) are left out, which a `FileNote` says.
 
         Raises:
-            InvalidInput: It has other joints.
+            InvalidInput: The motion has other joints.
         """
         if not self.joint_names or not joint_names or self.joint_names == tuple(joint_names):
             return self
@@ -188,9 +188,9 @@ def motion(
         joint_units: "rad" or "m" by the names of the robot's joints, where known.
 
     Raises:
-        InvalidInput: It cannot be read, or lacks what the interpolation needs; names the file, the
-            place in it, the value, and what would be right.
-        InvalidTrajectory: An object that is no piecewise polynomial.
+        InvalidInput: The file cannot be read, or lacks what the interpolation needs; names the
+            file, the place in it, the value, and what would be right.
+        InvalidTrajectory: The object is no piecewise polynomial.
     """
     if isinstance(given, str | Path):
         return _read(Path(given), interpolation, unit, joint_units)
@@ -314,7 +314,7 @@ def _array(key: str, table: Mapping[str, Any]) -> Array:
     """Return nested lists of finite numbers as an array; texts and truth values are refused.
 
     Raises:
-        InvalidInput: They are none, or of several lengths.
+        InvalidInput: The lists hold something else, or are of several lengths.
     """
     try:
         found = np.array(table[key], dtype=object)
@@ -329,7 +329,8 @@ def check_work(rows: int, pieces: int, joints: int) -> None:
     """Refuse polynomials whose judgement would take many seconds, or gigabytes of memory.
 
     Raises:
-        InvalidInput: There are more than a motion of 83,000 samples and six joints has.
+        InvalidInput: There are more coefficients than a motion of 83,000 samples and six joints
+            has.
     """
     if rows > MAX_COEFFICIENTS:
         right = f"polynomials of at most degree {MAX_COEFFICIENTS - 1}"

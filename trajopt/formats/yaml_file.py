@@ -47,7 +47,7 @@ def read(path: Path, what: str) -> Any:
         what: The expected content, in words, for errors.
 
     Raises:
-        InvalidInput: It cannot be read, is not YAML, has a key twice, or several documents.
+        InvalidInput: The file cannot be read, is not YAML, has a key twice, or several documents.
     """
     found = documents(path, what)
     if len(found) > 1:
@@ -65,7 +65,7 @@ def documents(path: Path, what: str) -> list[Any]:
         what: The expected content, in words, for errors.
 
     Raises:
-        InvalidInput: It cannot be read, is not YAML, has a key twice or an alias.
+        InvalidInput: The file cannot be read, is not YAML, has a key twice or an alias.
     """
     check_installed()
     content = files.text(path, what, "YAML")

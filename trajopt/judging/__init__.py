@@ -10,9 +10,9 @@ In reading order:
 - `passing`: the times at which a motion passes waypoints;
 - `ends`: the states at the ends of a motion, and how long it stands there;
 - `turns`: whole turns of continuous joints;
-- `evidence`: the verdict on a log of samples. What they are known to is the `premise` (`lattice`,
-  `scatter`, `log_velocities`, `lost_rows`); a few rows prove much (`log_windows`), all together the
-  rest (`log_joint`, `tube`, `tube_proof`);
+- `evidence`: the verdict on a log of samples. The `premise` says how accurately these are known
+  (`lattice`, `scatter`, `log_velocities`, `lost_rows`); a few rows prove much (`log_windows`), all
+  together the rest (`log_joint`, `tube`, `tube_proof`);
 - `check_proof`: the kernel of all proofs of lower bounds, in exact fractions, with the standard
   library alone; it is a script too, which the site and the archive of records ship as it is;
 - `check_front`: the same of bounds of the smoothness, a script beside the kernel;

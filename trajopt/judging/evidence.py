@@ -1,8 +1,8 @@
 """Judge from the samples of a log whether limits were kept, broken, or whether that is unknown.
 
-A log has rounded positions and times, and noise. What its positions are known to, each within a
-half width, is the premise of every verdict (`trajopt.judging.premise`): it is found from the
-samples, unless it was stated. There are three verdicts:
+A log has rounded positions and times, and noise. So each position is known within a half width.
+The half widths are the premise of every verdict (`trajopt.judging.premise`). They are found from
+the samples, unless they were stated. There are three verdicts:
 
 - `broken`: it is proved that no motion within the half widths keeps the limits, mostly by a few
   rows (`trajopt.judging.log_windows`), else by all samples together (`trajopt.judging.tube`);
@@ -152,7 +152,7 @@ class Evidence:
         at_rest: Whether that motion rests at both ends; if not, the log was cut.
         convictions: The strongest proof for each joint; none unless the verdict is `broken`.
         log: The samples.
-        joints: Each joint's samples, with what they are known to.
+        joints: Each joint's samples, and how accurately they are known.
         window: The window that was asked for, s.
         by_positions: The verdict without the velocities, where these are part of the proof.
         lost: Rows that seem to be missing, where that explains what else is broken.

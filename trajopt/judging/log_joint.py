@@ -102,7 +102,7 @@ class Joint:
     """One joint's samples and limits.
 
     Attributes:
-        known: What its positions are known to.
+        known: How accurately its positions are known.
         shift: Half width of each time, s.
         limits: Of velocity, acceleration and jerk; infinite where there is none.
         range: Position limits, rad.
@@ -410,7 +410,7 @@ def joints_of(
     noise: float | None = None,
     resolution: float | None = None,
 ) -> list[Joint]:
-    """Return the joints of a log, with what their samples are known to.
+    """Return the joints of a log, and how accurately the positions of each are known.
 
     Args:
         log: The samples.
@@ -433,7 +433,7 @@ def premise_of(
     noise: float | None = None,
     resolution: float | None = None,
 ) -> Premise:
-    """Return what the positions of a joint are known to; see `trajopt.judging.premise`."""
+    """Return how accurately the positions of a joint are known (`trajopt.judging.premise`)."""
     samples = log.times, log.positions[:, joint], log.half_digits[:, joint]
     if log.commanded:
         return premise.commanded(*samples)

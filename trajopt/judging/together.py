@@ -55,7 +55,7 @@ def verify_many(
 
     Raises:
         WrongType, InvalidTrajectory: As `verify` does, for any of them.
-        ValueError: There are more of the ones than of the others.
+        ValueError: There are not as many motions as problems.
     """
     pairs = list(zip(problems, trajectories, strict=True))
     for problem, motion in pairs:

@@ -57,7 +57,7 @@ def verify(
 
     Raises:
         WrongType: It is no `Trajectory`, or the first argument no `Problem`.
-        InvalidTrajectory: It has another number of joints or waypoints than the problem.
+        InvalidTrajectory: The motion has another number of joints or waypoints than the problem.
     """
     check_sizes(problem, trajectory)
     own = _counted(problem)

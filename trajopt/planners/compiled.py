@@ -122,7 +122,7 @@ def compiled(function: Callable[[Array], Array], sample: Array) -> Callable[[Arr
         sample: Any candidate, on which both must agree.
 
     Raises:
-        RuntimeError: They differ: the function uses an operation that is not recorded.
+        RuntimeError: Both functions differ: `function` uses an operation that is not recorded.
     """
     ca = backend("casadi")
     variables = len(sample)

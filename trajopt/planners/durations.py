@@ -3,7 +3,7 @@
 A planner answers the problem without that demand. A faster motion is then slowed down, and no
 motion of the problem is faster than the result: its time is the one that is asked for. From rest to
 rest a dilation does that, which keeps every limit; waits keep their time. A route that begins or
-ends in motion cannot be dilated: there the planner answers again, with least times of the segments
+ends in motion cannot be dilated: there the planner plans again, with a least time for each segment,
 in the proportion of its fastest motion.
 """
 

@@ -20,8 +20,8 @@ GIVEN_RTOL = 1e-9
 def impossible(problem: Problem) -> str | None:
     """Return a sentence if no motion passes a segment in its given time; else None.
 
-    The sentence states a proof: segment, joint, and the least time. None does not mean that there
-    is a motion.
+    The sentence states a proof: segment, joint, and the least time. After None it is open whether
+    there is a motion.
     """
     given = problem.route.demand("given_times")
     if not given.any():

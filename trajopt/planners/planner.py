@@ -536,7 +536,7 @@ def adapted(planner: object) -> Planner:
     """Return the planner itself, or one around a function.
 
     Raises:
-        InvalidInput: It is neither.
+        InvalidInput: The object is neither a planner nor a function.
     """
     if isinstance(planner, Planner):
         return planner

@@ -136,8 +136,8 @@ def in_file(file: Path, name: str) -> Entry:
 
     Raises:
         InvalidInput: There is no such file, or Python finds another module under its name.
-        UnknownName: It defines no such name; the message lists its planners.
-        TrajoptError: It cannot be imported.
+        UnknownName: The file defines no such name; the message lists its planners.
+        TrajoptError: The file cannot be imported.
     """
     label = _name_in_file(file, name)
     path = file.resolve()

@@ -569,7 +569,7 @@ class _KnottedProfiles(NamedTuple):
     def pieces(self, breaks: Array, limits: _AllowedMotion) -> Pieces:
         """Return the motion with the profiles' accelerations at breaks, `(breaks, segments)`.
 
-        Without a jerk limit they jump: each piece has that in its middle.
+        Without a jerk limit they jump at breaks: a piece has that of its middle throughout.
         """
         middles = (breaks[:-1] + breaks[1:]) / 2
         both = self._levels(np.concatenate([breaks, middles]))

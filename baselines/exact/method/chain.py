@@ -238,7 +238,7 @@ class Chain:
     def bands(self) -> Array:
         """Return the matrix by the unknowns as a lower band, for every start, a row per unknown.
 
-        Of a closed motion it is the whole lower triangle.
+        For a closed motion the band is the whole lower triangle.
         """
         layout = self.layout
         turned = self.to_unknowns.swapaxes(-1, -2)

@@ -31,8 +31,8 @@ class Pieces(NamedTuple):
     def between(cls, lengths: Array, breaks: Array, middles: Array, jerky: Bools) -> Pieces:
         """Return pieces through given accelerations, `(…, joints)`.
 
-        With a jerk limit these are the accelerations at the breaks. Without one a piece is constant
-        and has the acceleration of its middle.
+        With a jerk limit these are the accelerations at the breaks. Without one a piece has the
+        acceleration of its middle throughout.
         """
         first = np.where(jerky, breaks[:-1], middles)
         last = np.where(jerky, breaks[1:], middles)

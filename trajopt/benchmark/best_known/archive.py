@@ -42,7 +42,7 @@ def write(file: Path, where: Path | None = None) -> int:
 
     Raises:
         InvalidInput: The name does not end in `.zip`, or there are no records.
-        OSError: It cannot be written.
+        OSError: The archive cannot be written.
     """
     if file.suffix != ".zip":
         raise InvalidInput("ARCHIVE", "a name that ends in .zip", value=str(file))

@@ -100,7 +100,7 @@ def of_trials(path: Path, submitter: str = "") -> Iterator[Candidate]:
         submitter: Who sends them.
 
     Raises:
-        StoreError: There are none, or they cannot be read.
+        StoreError: There are no trials, or they cannot be read.
     """
     for trial in stored_trials(path):
         problem = suite_problem(trial.problem)

@@ -156,7 +156,7 @@ def of_trial(trial: Trial) -> Record:
     """Return the record that a trial states.
 
     Raises:
-        InvalidInput: It states none.
+        InvalidInput: The trial states no record.
     """
     duration = trial.certified_duration
     lower_bound = trial.lower_bound
@@ -312,7 +312,7 @@ def write_list(proved: Iterable[Path], where: Path) -> Path:
     """Write the list of a folder's files whose bounds were proved just now; returns the list.
 
     Raises:
-        StoreError: It cannot be written.
+        StoreError: The list cannot be written.
     """
     lines = [f"{_sha256(file)}  {file.relative_to(where).as_posix()}\n" for file in sorted(proved)]
     atomic.write(where / PROVED, "".join(lines).encode("ascii"))

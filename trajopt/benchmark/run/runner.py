@@ -116,7 +116,7 @@ def in_children(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Gene
 
 
 class Judges:
-    """Judges of this machine, each for one planner, and idle until it is asked again."""
+    """Judge processes of this machine. Each serves one planner, and waits for its next tasks."""
 
     def __init__(self) -> None:
         self._idle: list[_Judge] = []

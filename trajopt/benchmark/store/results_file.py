@@ -106,7 +106,7 @@ def entry(key: Key, part: Any, row: int = 0) -> StoredRow:
 
 
 def version(row: StoredRow) -> Version:
-    """Return which version of a planner a row is of."""
+    """Return the version of the planner that gave a row's answer."""
     names = ("label", "planner", "options", "started", "asked", PROVENANCE.name)
     label, planner, options, started, asked, code = (
         row.part["trials"][name][row.row].decode() for name in names

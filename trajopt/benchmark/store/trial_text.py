@@ -238,7 +238,7 @@ def certificate_of(table: Any, problem: Problem) -> Certificate | None:
     """Return the stated certificate.
 
     Raises:
-        ValueError, TypeError: It is none, or has uses of limits that are not known here.
+        ValueError, TypeError: The table states no certificate, or uses of unknown limits.
     """
     if table is None:
         return None

@@ -99,7 +99,7 @@ def given(problem: object) -> Problem:
 
     Raises:
         WrongType: It is neither a problem nor a name or path.
-        InvalidInput: It is a motion's path, or the file's own errors.
+        InvalidInput: The path is that of a motion, or the file has an error.
     """
     if isinstance(problem, str | Path):
         if Path(problem).suffix in ENDINGS:

@@ -98,7 +98,7 @@ def refuse_beyond(name: str) -> None:
     """Refuse the name of a published problem that cannot be stated here.
 
     Raises:
-        InvalidInput: It is such a name; gives the reason.
+        InvalidInput: The name is that of such a problem; gives the reason.
     """
     file = files_beyond().get(name)
     if file is None:

@@ -2,7 +2,7 @@
 
     fields = (Quantity("links", metres=1), Quantity("power", length=2, time=-3))
 
-A limit's form in files, its numbers, and how they change with units follow.
+From them follow a limit's form in files, its numbers, and how these change with units.
 """
 
 from __future__ import annotations

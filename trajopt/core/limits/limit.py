@@ -187,7 +187,7 @@ class Limit(ABC):
         """Return the limit of an arm with these link frames; itself where it needs none.
 
         Raises:
-            InvalidInput: It needs link frames, and there are none.
+            InvalidInput: The limit needs link frames, and the robot has none.
         """
         return self
 

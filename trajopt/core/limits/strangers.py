@@ -46,7 +46,7 @@ def enter(kind: type[Limit], kinds: Kinds) -> None:
     """Add a kind to all kinds: ours come first, then others by key, whoever was imported first.
 
     Raises:
-        InvalidInput: It has no key, or that of another kind.
+        InvalidInput: The kind has no key, or the key of another kind.
     """
     key, name = kind.key, f"{kind.__module__}.{kind.__qualname__}"
     if not isinstance(key, str) or not _KEY.fullmatch(key):
@@ -68,7 +68,8 @@ def load(key: str, kinds: Kinds) -> type[Limit]:
     """Import the kind that a package registers under this key.
 
     Raises:
-        InvalidInput: It cannot be imported, or is no kind with this key; names the package.
+        InvalidInput: The package cannot be imported, or has no kind with this key; names the
+            package.
     """
     point = registered()[key]
     package = point.dist.name if point.dist else point.module
@@ -88,10 +89,10 @@ def in_file(spec: str, kinds: Kinds) -> type[Limit]:
     the file, too.
 
     Raises:
-        InvalidInput: There is no such file, Python finds another module under its name, or it is
-            no kind of limit.
-        UnknownName: It defines no such name.
-        TrajoptError: It cannot be imported.
+        InvalidInput: There is no such file, Python finds another module under its name, or the
+            name is no kind of limit.
+        UnknownName: The file defines no such name.
+        TrajoptError: The file cannot be imported.
     """
     text, _, name = spec.partition(":")
     file = Path(text).resolve()

@@ -34,8 +34,8 @@ def counted(durations: pd.DataFrame) -> dict[str, str]:
 def profile(durations: pd.DataFrame, shortest: pd.Series[float] | None = None) -> Curves:
     """Share of problems solved within `x` times the shortest duration (Dolan and Moré 2002).
 
-    All shares are of the same problems, so that curves can be compared. A planner that refuses a
-    problem is not within any factor on it.
+    All shares are of the same problems, so that curves can be compared. A problem that a
+    planner refuses counts as not solved by it.
 
     Args:
         durations: columns of `pairwise.medians`, s. NaN where a planner does not compete.

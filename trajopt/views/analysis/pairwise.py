@@ -125,10 +125,10 @@ def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
 
 
 def pairs_by_problem(runs: pd.DataFrame, bounds: pd.Series[float] | None = None) -> pd.DataFrame:
-    """One row per problem and pair of planners run on it, each pair once, of `Results.trials()`.
+    """One row for each problem and each pair of planners that were run on it; a pair has one order.
 
     Args:
-        runs: The trials.
+        runs: `Results.trials()`.
         bounds: By digest the duration that no motion beats, s; NaN where none is proved.
 
     Columns:

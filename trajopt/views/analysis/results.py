@@ -227,7 +227,7 @@ class Tables:
             library_time: median part of it inside the calls of a library that plans, s; NaN without
                 one.
             setup_time: the longest, s.
-            status, message: of the first run that is not solved, or of the first.
+            status, message: of the first run that is not solved; if all are, of the first run.
         """
         return self._summary.copy()
 

@@ -89,7 +89,7 @@ def over_optimum(
     Args:
         trials: Answers of any planners.
         optima: Durations by the problem's digest, s; other problems are left out.
-        cost: Seconds or evaluations. With evaluations, runs that count none are left out.
+        cost: Seconds or evaluations. For evaluations, runs that do not count them are left out.
     """
     relative: dict[str, list[Array]] = {}
     for trial in trials:

@@ -164,8 +164,8 @@ def write_log(path: Path, found: Execution) -> bool:
 
     For a broken log it is a slower motion that keeps the limits, if one was found. Samples are at
     the motion's breaks, so cubic pieces between them are the motion itself. A trial (.h5) states
-    the motion as its planner, without the verdict on the log. A picture shows the log itself, with
-    what it is known to, and the rows that convict.
+    the motion as its planner, without the verdict on the log. A picture shows the log itself, how
+    accurately it is known, and the rows that prove a limit broken.
     """
     told = found.evidence
     if told is not None and path.suffix in PICTURES:

@@ -1,4 +1,4 @@
-"""A log with its premise: what the positions are known to, and the rows that convict."""
+"""A log, how accurately its positions are known, and the rows that prove a limit broken."""
 
 from __future__ import annotations
 

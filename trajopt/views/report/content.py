@@ -74,7 +74,7 @@ class Page:
 
     @cached_property
     def problems(self) -> list[Problem]:
-        """By name, numbers as numbers, the paper's own first."""
+        """The problems by name, `w8` before `w16`; the paper's problem is first."""
         found = {trial.problem.digest(): trial.problem for trial in self.results.items}
         return sorted(found.values(), key=_paper_first)
 
