@@ -240,7 +240,7 @@ class Curves:
             unit, scale, shift = 1.0, np.ones_like(self.scale), self.origin / self.scale
         orders: list[list[Any]] = [[], [], [], []]
         for joint, is_smooth in enumerate(smooth):
-            every = _polynomials(x, joint, is_smooth)
+            every = polynomials(x, joint, is_smooth)
             for order, (parts, continuous) in enumerate(every):
                 size = float(scale[joint] / unit**order)
                 own = parts if size == 1 else [size * part for part in parts]
@@ -251,7 +251,7 @@ class Curves:
         return JointState(q, v, a, j, self.asked.segments)
 
 
-def _polynomials(x: Any, joint: int, smooth: bool) -> list[tuple[list[Any], bool]]:
+def polynomials(x: Any, joint: int, smooth: bool) -> list[tuple[list[Any], bool]]:
     """Return the Bernstein coefficients of position and its derivatives in the grid's units."""
     length = x.lengths[:, joint]
     (q0, q1), (v0, v1), (a0, a1) = ((own[:-1, joint], own[1:, joint]) for own in (x.q, x.v, x.a))

@@ -500,44 +500,35 @@ class Transcription:
         zero = ca.DM.zeros(pieces)
         infinite = ca.DM.inf(pieces)
         lengths = x.lengths[:, joint]
-        q, v, a = [table[:, joint] for table in (x.q, x.v, x.a)]
-        q0 = q[:-1]
-        q1 = q[1:]
-        v0 = v[:-1]
-        v1 = v[1:]
-        a0 = a[:-1]
-        a1 = a[1:]
+        (q, _), (v, _), (a, _), _ = asked.polynomials(x, joint, smooth)
 
         def limit(kind: str, side: int) -> Any:
             return limits[kind][side][:, joint]
 
         # low l ≤ change over the interval ≤ high l
-        kind = "jerk" if smooth else "acceleration"
-        change = a1 - a0 if smooth else v1 - v0
+        kind, limited = ("jerk", a) if smooth else ("acceleration", v)
+        change = limited[-1] - limited[0]
         constraints: list[Constraints] = [
             (change - limit(kind, 0) * lengths, zero, infinite),
             (limit(kind, 1) * lengths - change, zero, infinite),
         ]
         if smooth:
             # v1 = v0 + l (a0 + a1)/2
-            missing_v = v1 - v0 - lengths * (a0 + a1) / 2
+            missing_v = v[-1] - v[0] - lengths * (a[0] + a[1]) / 2
             # q1 = q0 + l v0 + l² (2 a0 + a1)/6
-            missing_q = q1 - q0 - lengths * v0 - lengths**2 * (2 * a0 + a1) / 6
-            inner_v = v0 + lengths * a0 / 2
-            inner_q = [q0 + lengths * v0 / 3, q1 - lengths * v1 / 3]
+            missing_q = q[-1] - q[0] - lengths * v[0] - lengths**2 * (2 * a[0] + a[1]) / 6
             constraints += [
                 (missing_v, zero, zero),
                 (missing_q, zero, zero),
-                (inner_v, *(bound[:, joint] for bound in self.velocities)),
+                (v[1], *(bound[:, joint] for bound in self.velocities)),
             ]
         else:
             # q1 = q0 + l (v0 + v1)/2
-            missing_q = q1 - q0 - lengths * (v0 + v1) / 2
-            inner_q = [q0 + lengths * v0 / 2]
+            missing_q = q[-1] - q[0] - lengths * (v[0] + v[1]) / 2
             constraints.append((missing_q, zero, zero))
         # inner Bernstein coefficients of position, where positions are limited
         for own, low, high in zip(
-            inner_q, position_bounds[::2], position_bounds[1::2], strict=False
+            q[1:-1], position_bounds[::2], position_bounds[1::2], strict=False
         ):
             constraints.append((own, low[:, joint], high[:, joint]))
         return constraints

@@ -9,14 +9,14 @@ reachable. Section 5's program is in `exact.jerk.by_ipopt`.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method.chain import with_outer
 from baselines.exact.method.scaled import Scaled
-from baselines.ipopt import Options, Program, flat, program, unflat
+from baselines.ipopt import Options, Program, Run, flat, program, unflat
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
 
@@ -25,24 +25,12 @@ OPTIONS: Options = {"tol": 1e-12, "constr_viol_tol": 1e-12, "bound_relax_factor"
 LONGEST = 1.1
 
 
-class IpoptPoint(NamedTuple):
-    """IPOPT's last point, without units.
+def minimised(scaled: Scaled, times: Array, velocities: Array) -> tuple[Array, Array, Run]:
+    """Return where IPOPT comes to from these times and waypoint velocities, and its run.
 
-    Attributes:
-        times: Of the segments, `(segments,)`.
-        velocities: At the inner waypoints, `(segments - 1, joints)`.
-        status: IPOPT's own word.
-        success: Whether it calls this a local optimum.
+    Without units: times of the segments, `(segments,)`; velocities at the inner waypoints,
+    `(segments - 1, joints)`.
     """
-
-    times: Array
-    velocities: Array
-    status: str
-    success: bool
-
-
-def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
-    """Return the local optimum that IPOPT finds from these times and waypoint velocities."""
     v1, v2 = np.abs(scaled.v)
     a1, a2 = np.abs(scaled.a)
     slowest, fastest = scaled.waypoint_v
@@ -61,7 +49,7 @@ def minimised(scaled: Scaled, times: Array, velocities: Array) -> IpoptPoint:
         constraint_bounds=(0.0, np.inf),
     )
     times, velocities = unflat(run.x, [times.shape, velocities.shape])
-    return IpoptPoint(times, velocities, run.status, run.success)
+    return times, velocities, run
 
 
 @cache

@@ -621,12 +621,12 @@ def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Guess]) -> list[LocalO
 
     optima = []
     for start in starts:
-        found = by_ipopt.minimised(scaled, *start[:2])
-        velocities = within(found.velocities, scaled.waypoint_v)
-        (optimum,) = _reached(Abreast([scaled]), found.times[None], velocities[None], MAX_DILATION)
-        if optimum is None or not found.success:
-            optimum = LocalOptimum(np.inf, *start[:2], found.status)
-        optima.append(optimum._replace(status=found.status))
+        times, velocities, run = by_ipopt.minimised(scaled, *start[:2])
+        velocities = within(velocities, scaled.waypoint_v)
+        (optimum,) = _reached(Abreast([scaled]), times[None], velocities[None], MAX_DILATION)
+        if optimum is None or not run.success:
+            optimum = LocalOptimum(np.inf, *start[:2], run.status)
+        optima.append(optimum._replace(status=run.status))
     return optima
 
 
