@@ -113,11 +113,3 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
     out = capsys.readouterr().out
     against_it = out[out.index("Against") :]
     assert row(against_it, "fast")[0] == "5"
-
-
-def test_against_an_unknown_planner_runs_nothing(capsys, tmp_path):
-    with pytest.raises(SystemExit) as stop:
-        app.main(["compare", "one-joint", "--against", "nobody", "--output", str(tmp_path / "no")])
-    assert stop.value.code == 2
-    assert "nobody" in capsys.readouterr().err
-    assert not (tmp_path / "no").exists()

@@ -14,14 +14,6 @@ from trajopt import cli
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
 
-# One joint from 0 to 1 rad with a stop in the middle: 4 s at 1 rad/s², where 2 s would do.
-STOPPING = """\
-time [s],j [rad],j_velocity [rad/s]
-0,0,0
-2,0.5,0
-4,1,0
-"""
-
 
 @pytest.fixture
 def run(capsys, monkeypatch, tmp_path):
@@ -176,33 +168,3 @@ def test_stored_trials_are_proposed_with_their_planners_names(run, tmp_path, cap
     kept = records.find(catalogue.load("one-joint"), tmp_path / "registry")
     assert kept.motion.method == "ruckig-stop"
     assert kept.motion.version
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["propose", "m.csv"], "PROBLEM: expected the problem"),
-        (["propose", "m.csv", "p.toml"], "PROBLEM is 'p.toml': expected a problem of a suite"),
-        (["propose", "m.csv", "six-axis"], "joints is 1: expected 6"),
-        (["propose", "m.csv", "one-joint"], "m.csv: motion: expected one that solves one-joint"),
-        (["propose", "none.csv", "one-joint"], "none.csv"),
-        (["propose", "none.h5"], "none.h5"),
-        (["propose", "nowhere", "one-joint"], "SOURCE is 'nowhere': expected a file or folder"),
-        (["propose", "results", "one-joint"], "PROBLEM is 'one-joint': expected left out"),
-        (["propose", "results", "--method", "mine"], "--method is 'mine': expected left out"),
-        (["propose", "m.csv", "one-joint", "--submitter", "a\nb"], "submitter is"),
-        (["list", "nothing"], "no problem is called 'nothing'"),
-        (["verify", "--registry", "m.csv"], "--registry is 'm.csv': expected a folder"),
-    ],
-)
-def test_bad_input_is_one_line_and_code_2(run, tmp_path, arguments, said):
-    (tmp_path / "m.csv").write_text(STOPPING)
-    (tmp_path / "results").mkdir()
-    (tmp_path / "p.toml").write_text(
-        'waypoints = [[0], [1]]\nunits = {waypoints = "rad", limits = "rad"}\n'
-        "limits = {velocity = [5], acceleration = [1]}\n"
-    )
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    assert said in err
-    assert len(err.splitlines()) == 1

@@ -55,25 +55,3 @@ def test_without_a_problem_it_lists_them(run):
     counts = {row["name"]: row["claims"] for row in table["problems"]}
     assert list(counts) == list(literature.files())
     assert counts["fang2020-task1"] == 7
-
-
-def test_a_problem_without_published_times_says_so(run):
-    code, out, _ = run("topico-example3")
-    assert code == 0
-    assert "No time was published, or none was read." in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["pmm-race"], "expected a problem that can be stated here, but its limits are Euclidean"),
-        (["fang"], "no published problem is called 'fang'; known: "),
-        (["nope"], f"; known: {', '.join(sorted(literature.files()))}\n"),
-        (["fang2020-task1", "--time-limit", "0"], "Must be > 0"),
-    ],
-)
-def test_what_cannot_be_judged_is_one_line(run, arguments, message):
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    assert message in err
-    assert len(err.splitlines()) == 1

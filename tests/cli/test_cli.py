@@ -187,17 +187,6 @@ def test_python_m_is_the_same_door():
     assert re.fullmatch(r"trajopt: .*'nosuch'.*\n", done.stderr)
 
 
-def test_joints_count_from_one(trajopt, tmp_path):
-    """Joint 2 goes ten times as far."""
-    problem = Problem([[0, 0], [0.1, 1], [0.2, 2], [0.3, 3]], Limits([1, 1], [1, 1]))
-    (tmp_path / "p.toml").write_text(problem.to_toml(), encoding="utf-8")
-    arguments = ("plan", tmp_path / "p.toml", "--planner unoptimised:segment_time=0.5")
-    worst = parsed(trajopt(*arguments, "--json")[1])["certificate"]
-    assert worst["velocity"]["joint"] == worst["acceleration"]["joint"] == 2
-    shown = trajopt(*arguments)[1]
-    assert re.search(r"velocity +\S+ of limit +2 ", shown)
-
-
 def test_waypoint_times_are_of_the_certified_trajectory(trajopt):
     _, out, _ = trajopt("plan six-axis --planner unoptimised:segment_time=0.1 --json")
     found = parsed(out)
@@ -252,13 +241,6 @@ def test_out_writes_the_certified_trajectory(trajopt, tmp_path, suffix):
             assert stored["trials/certified_duration"][()].tolist() == [6]
 
 
-def test_nothing_to_write_exits_1_in_one_line(trajopt, tmp_path):
-    arguments = ("plan seven-waypoints --planner unoptimised --out", tmp_path / "t.csv")
-    code, _, err = trajopt(*arguments)
-    assert code == 1
-    assert re.fullmatch(r"trajopt: .*t\.csv.*\n", err)
-
-
 def test_out_is_not_overwritten_unless_asked_to(trajopt, tmp_path, monkeypatch):
     file = tmp_path / "t.json"
     file.write_text("mine", encoding="utf-8")
@@ -297,119 +279,7 @@ def test_a_folder_that_may_not_be_written_is_found_out_before_planning(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_built_in_problem_is_named_without_its_path(trajopt, tmp_path):
-    shown = trajopt("plan one-joint --planner unoptimised")[1].splitlines()[0]
-    assert shown == "unoptimised on one-joint: solved"
-    file = tmp_path / "own.toml"
-    file.write_text(suite.load("one-joint").to_toml(), encoding="utf-8")
-    shown = trajopt("plan", file, "--planner unoptimised")[1].splitlines()[0]
-    assert shown == f"unoptimised on one-joint ({file}): solved"
-
-
-def test_units_that_look_mixed_are_one_line_on_stderr(trajopt, tmp_path):
-    """Degrees beside the limits in radians of a URDF: 40 degrees at 2 rad/s."""
-    file = tmp_path / "mixed.toml"
-    limits = "[limits]\nvelocity = [2.0]\nacceleration = [4.0]\n"
-    waypoints = "waypoints = [[0], [40], [20], [60]]\n"
-    arguments = ("plan", file, "--planner unoptimised --json")
-    file.write_text(f'angle_unit = "deg"\n{waypoints}{limits}', encoding="utf-8")
-    code, out, err = trajopt(*arguments)
-    assert (code, parsed(out)["status"]) == (0, "solved")
-    assert re.fullmatch(r"trajopt: warning: .*mixed\.toml: .*units\.limits\n", err)
-    both = 'units = {waypoints = "deg", limits = "rad"}'
-    file.write_text(f"{both}\n{waypoints}{limits}", encoding="utf-8")
-    code, out, err = trajopt(*arguments)
-    assert (code, err) == (0, "")
-    assert parsed(out)["certificate"]["velocity"]["ratio"] < 1
-
-
 # --- bad input ---
-
-TOML = """angle_unit = "rad"
-waypoints = [[0, 0], [1, 1]]
-{}[limits]
-velocity = {}
-acceleration = [1, 1]
-"""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("plan nosuch --planner exact", "nosuch; six-axis"),
-        ("plan no.toml --planner exact", "no.toml"),
-        ("plan bad.toml --planner exact", "bad.toml; TOML"),
-        ("plan key.toml --planner exact", "key.toml; colour; waypoints"),
-        ("plan limit.toml --planner exact", "limit.toml; velocity; joint 2; -3"),
-        ("plan six-axis --planner nosuch", "nosuch; exact"),
-        ("plan six-axis --planner pso:colour=1", "pso; colour; population"),
-        ("plan six-axis --planner pso:iterations", "iterations; key=value"),
-        ("plan six-axis --planner pso:iterations=many", "iterations; many; int"),
-        ("plan six-axis --planner pso:timing=never", "timing; never; shared"),
-        ("plan six-axis --planner exact:starts=0", "starts; 0"),
-        ("plan six-axis --planner unoptimised --seed -1", "--seed; -1"),
-        ("plan six-axis --planner unoptimised --seed x", "--seed; x"),
-        ("plan six-axis --planner unoptimised --seed 1.5", "--seed; 1.5"),
-        ("plan six-axis --planner unoptimised --seed 1.0", "--seed; 1.0"),
-        ("plan six-axis --planner unoptimised --seed 1e3", "--seed; 1e3"),
-        ("plan six-axis --planner unoptimised --seed 1_000", "--seed; 1_000"),
-        ("plan six-axis --planner unoptimised --seed 0x10", "--seed; 0x10"),
-        ("plan six-axis --planner unoptimised --seed 9223372036854775808", "--seed"),
-        ("plan six-axis --planner unoptimised --rate 1_0", "--rate; 1_0"),
-        ("plan six-axis --planner unoptimised --rate 0", "--rate; 0"),
-        ("plan six-axis --planner unoptimised --rate 1e300", "--rate; 1e+300"),
-        ("plan six-axis --planner pso:population=30.0", "population; 30.0; int"),
-        ("plan six-axis --planner unoptimised:segment_time=1e999", "1e999; float"),
-        ("plan six-axis --planner unoptimised --rate nan", "--rate; nan"),
-        ("plan six-axis --planner unoptimised --rate inf", "--rate; inf"),
-        ("plan six-axis --planner unoptimised --out t.txt", "t.txt; .csv"),
-        ("plan six-axis --planner unoptimised --out bad.toml/t.csv", "bad.toml"),
-        ("plan six-axis --planner unoptimised --out bad.toml/t.h5", "bad.toml"),
-        ("plan six-axis --planner unoptimised --colour", "--colour"),
-        ("plan --planner exact", "problem"),
-        ("list more", "more"),
-        ("nonsense", "nonsense; compare"),
-        ("compare", "PROBLEM"),
-        ("compare nosuch", "nosuch"),
-        ("compare six-axis --planner pso:x=1", "pso; x"),
-        ("compare six-axis --seeds 0", "--seeds; 0"),
-        ("compare six-axis --seeds 2.5", "--seeds; 2.5"),
-        ("compare six-axis --seeds 1000000000000", "--seeds; 1000000000000"),
-        ("compare six-axis --jobs 0", "--jobs; 0"),
-        ("compare six-axis --jobs 1.5", "--jobs; 1.5"),
-        ("compare six-axis --timeout 1e300", "--timeout; 1e+300"),
-        ("compare six-axis --timeout 0.5", "--timeout; 0.5"),
-        ("compare six-axis --memory inf", "--memory; inf"),
-        ("compare six-axis --memory 0.1", "--memory; 0.1"),
-        ("prove six-axis --time-limit nan", "--time-limit; nan"),
-        ("suite show random --size 2.5", "--size; 2.5"),
-        ("suite show random --size 100000000000000000000", "--size; 100000000000000000000"),
-        ("report empty --trajectories -1", "--trajectories; -1"),
-        ("compare six-axis --timeout nan", "--timeout; nan"),
-        ("compare one-joint --planner unoptimised --output bad.toml", "bad.toml"),
-        ("verify", "path"),
-        ("verify nowhere", "nowhere"),
-        ("verify empty", "empty; results folder"),
-        ("verify bad.toml", "bad.toml is a problem file; expected results"),
-        ("verify other.h5", "other.h5"),
-    ],
-)
-def test_bad_input_exits_2_with_one_line_that_says_what(
-    trajopt, tmp_path, monkeypatch, arguments, words
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bad.toml").write_text("waypoints = [[")
-    (tmp_path / "key.toml").write_text(TOML.format("colour = 1\n", "[1, 1]"))
-    (tmp_path / "limit.toml").write_text(TOML.format("", "[1, -3]"))
-    (tmp_path / "empty").mkdir()
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["x"] = 1
-    code, out, err = trajopt(arguments)
-    assert code == 2
-    assert re.fullmatch(r"trajopt: [^\n]+\n", err)
-    assert "Traceback" not in out
-    for word in words.split("; "):
-        assert word.lower() in err.lower(), word
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -705,36 +575,6 @@ def test_prove_counts_jerk_limits(trajopt):
     assert 1.05 * without.duration < bound["lower_bound"] <= bound["upper_bound"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ("seven-waypoints --family spline353", "4 waypoints"),
-        ("six-axis --within 0", "positive"),
-        ("six-axis --family best", "spline353"),
-    ],
-)
-def test_prove_of_bad_input_exits_2(trajopt, arguments, word):
-    code, out, err = trajopt("prove", arguments)
-    assert (code, out) == (2, "")
-    assert re.fullmatch(r"trajopt: [^\n]+\n", err)
-    assert word in err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("certify six-axis", "the command certify is now called prove"),
-        ("compare six-axis --certify", "the option --certify is now called --prove"),
-        (
-            "plan six-axis --planner certify",
-            "no planner is called 'certify'; it is now called 'prove'",
-        ),
-    ],
-)
-def test_an_old_name_gets_the_new_one_in_one_line(trajopt, arguments, words):
-    assert trajopt(arguments) == (2, "", f"trajopt: {words}\n")
-
-
 def started(words, folder):
     """A command of its own process group, in which Ctrl-C is heard as in a terminal."""
     return subprocess.Popen(
@@ -842,24 +682,6 @@ def test_export_takes_a_planner_of_a_file_as_compare_does(trajopt, tmp_path, mon
     table = (tmp_path / "own" / "latex" / "planners.tex").read_text(encoding="utf-8")
     assert "than one of slow_one" in table
     assert trajopt(f"{exported}nobody")[0] == 2
-
-
-def test_report_of_nothing_exits_2(trajopt, tmp_path):
-    code, _, err = trajopt("report", tmp_path)
-    assert (code, err.count("\n")) == (2, 1)
-
-
-def test_a_problem_of_a_suite_is_planned_by_its_name(trajopt):
-    code, out, _ = trajopt("plan edges-two-waypoints --planner ruckig-stop --json")
-    trial = json.loads(out)
-    assert code == 0
-    assert (trial["problem"], trial["problem_file"]) == ("edges-two-waypoints", None)
-    # 1 rad at 1 rad/s and 2 rad/s²: 1 s, and half a second for the ramps.
-    assert trial["certified_duration"] == pytest.approx(1.5)
-    assert (
-        "edges-two-waypoints: solved"
-        in trajopt("plan edges-two-waypoints --planner ruckig-stop")[1]
-    )
 
 
 FORMULA_NAMES = r"""

@@ -67,9 +67,7 @@ def check_list(code, out, err, encoding, dash):
     assert max(map(len, text.splitlines())) <= 80
 
 
-@pytest.mark.parametrize(
-    ("encoding", "dash"), [("ascii", "-"), ("latin-1", "-"), ("cp437", "-"), ("utf-8", "–")]
-)
+@pytest.mark.parametrize(("encoding", "dash"), [("cp437", "-"), ("utf-8", "–")])
 def test_what_an_encoding_cannot_hold_is_written_in_ascii(written, encoding, dash):
     check_list(*written("suite", "list", encoding=encoding), encoding, dash)
 
@@ -127,11 +125,12 @@ sys.exit(codes[-1])
 """
 
 
-@pytest.mark.parametrize("turn", range(2))
-@pytest.mark.parametrize(("closed", "descriptors"), [(">&-", [1]), (">&- 2>&- <&-", [0, 1, 2])])
-def test_closed_streams_keep_the_exit_code(closed, descriptors, turn, tmp_path):
-    """Two processes for each way of closing, so that each begins and ends with other commands."""
-    commands = COMMANDS if turn == 0 else COMMANDS[::-1]
+@pytest.mark.parametrize(
+    ("closed", "descriptors", "commands"),
+    [(">&-", [1], COMMANDS), (">&- 2>&- <&-", [0, 1, 2], COMMANDS[::-1])],
+)
+def test_closed_streams_keep_the_exit_code(closed, descriptors, commands, tmp_path):
+    """A process for each way of closing; each begins and ends with other commands."""
     file = tmp_path / "codes.json"
     told = json.dumps([[arguments for arguments, _ in commands], descriptors, str(file)])
     done = subprocess.run(

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from work import one_in
 
-from cli.test_field_failures import quintic, robot
+from cli.test_field_failures import quintic
 
 DEG = 180 / np.pi
 OWN = "{max_velocity: 2.0, max_acceleration: 4.0}"
@@ -62,26 +63,27 @@ def log(heading, angle, time, samples=126):
 
 
 @pytest.mark.parametrize(("heading", "flags"), [*product(HEADINGS, FLAGS)])
-@pytest.mark.parametrize("angle", ["rad", "deg"])
-def test_a_suggestion_is_true_for_whoever_follows_it(run, heading, flags, angle):
+@pytest.mark.parametrize(
+    ("angle", "time"), one_in(2, [("rad", "s"), ("deg", "s"), ("deg", "ms"), ("rad", "ms")])
+)
+def test_a_suggestion_is_true_for_whoever_follows_it(run, heading, flags, angle, time):
     """With the flags that are there, and with those that an error asks for."""
-    for time in ("s", "ms"):
-        lines = log(HEADINGS[heading], angle, time)
-        line = "verify log.csv --limits l.yaml --json" + flags.format(angle=angle, time=time)
-        code, out, err = run(line, log__csv="\n".join(lines), l__yaml=TWO)
-        mark = "rename the columns of log.csv: "
-        if mark in err:
-            header = err.partition(mark)[2].partition("; log.csv:")[0]
-            lines = [header, *lines[bool(HEADINGS[heading]) :]]
-            code, out, err = run(line, log__csv="\n".join(lines))
-        if code == 2:  # a fault that no header mends is named
-            assert "expected" in err
-            assert mark not in err, header
-        else:
-            velocity, acceleration = uses(out)
-            assert velocity == pytest.approx(PEAKS[0], rel=0.1), (lines[0], line)
-            # of the motions within the digits one is shown; it may turn a little more sharply
-            assert 0.9 < acceleration / PEAKS[1] < 1.5, (lines[0], line)
+    lines = log(HEADINGS[heading], angle, time)
+    line = "verify log.csv --limits l.yaml --json" + flags.format(angle=angle, time=time)
+    code, out, err = run(line, log__csv="\n".join(lines), l__yaml=TWO)
+    mark = "rename the columns of log.csv: "
+    if mark in err:
+        header = err.partition(mark)[2].partition("; log.csv:")[0]
+        lines = [header, *lines[bool(HEADINGS[heading]) :]]
+        code, out, err = run(line, log__csv="\n".join(lines))
+    if code == 2:  # a fault that no header mends is named
+        assert "expected" in err
+        assert mark not in err, header
+    else:
+        velocity, acceleration = uses(out)
+        assert velocity == pytest.approx(PEAKS[0], rel=0.1), (lines[0], line)
+        # of the motions within the digits one is shown; it may turn a little more sharply
+        assert 0.9 < acceleration / PEAKS[1] < 1.5, (lines[0], line)
 
 
 def test_the_clock_of_a_controller_in_degrees(run):
@@ -248,23 +250,6 @@ def test_a_prefix_of_a_maker_is_left_out_and_said(run):
     assert (code, "expected joints of l.yaml" in err) == (2, True)
 
 
-@pytest.mark.parametrize("inner", ["", "  limit:\n  "])
-def test_a_table_of_a_description_is_named(run, inner):
-    """FT5-09."""
-    text = f"A1:\n{inner}  lower: -170\n{inner and '  '}  upper: 170\n"
-    code, _, err = run("plan w.csv --limits joint_limits.yaml", joint_limits__yaml=text, w__csv="0")
-    assert code == 2
-    assert "its limits are in the URDF made of it, which goes behind --urdf" in err
-
-
-def test_a_file_that_is_not_there(run):
-    Path("motion.csv").write_text("t,q1\n", encoding="utf-8")
-    for line in ("verify moton.csv --limits l.yaml", "plan moton.csv --limits l.yaml"):
-        code, _, err = run(line, l__yaml=TWO)
-        assert (code, "moton.csv: it does not exist" in err) == (2, True)
-        assert "perhaps motion.csv" in err
-
-
 # --- several motions, and one after another ---
 
 
@@ -310,22 +295,6 @@ def test_a_motion_that_takes_over_from_another(run):
 
 
 # --- joints that turn without end ---
-
-
-def test_a_continuous_joint_takes_the_nearest_way(run):
-    text = robot(
-        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/>'
-        '<limit velocity="2" effort="9"/></joint>'
-    )
-    line = "plan w.csv --urdf r.urdf --acceleration 4 --unit rad --json"
-    code, out, err = run(line, w__csv="j\n3.0\n-3.0\n", r__urdf=text)
-    assert code == 0
-    way = 2 * np.pi - 6
-    assert json.loads(out)["certified_duration"] == pytest.approx(2 * np.sqrt(way / 4))
-    assert "the nearest way is taken (not with --no-unwrap) by continuous j" in err
-    code, out, err = run(f"{line} --no-unwrap")
-    assert json.loads(out)["certified_duration"] == pytest.approx(6 / 2 + 2 / 4)
-    assert "nearest" not in err
 
 
 # --- questions of others ---

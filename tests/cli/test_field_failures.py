@@ -88,57 +88,6 @@ def test_a_motion_beyond_the_limits_of_such_a_urdf(run):
 # --- FT4-03 to FT4-06: what other programs put into a URDF ---
 
 
-@pytest.mark.parametrize(
-    ("text", "velocity"),
-    [
-        (robot(joint("j1", PLAIN, '<controller_gains Kd="0" Ki="0" Kp="0"/>')), 2),
-        (
-            robot(
-                joint(
-                    "j1",
-                    'command_effort="40" current="10" effort="80" gear_velocity="10" '
-                    'lower="-9.42" upper="9.42" velocity="15"',
-                )
-            ),
-            15,
-        ),
-        (
-            robot(
-                '<xacro:property name="width" value=".2"/>' + joint("j1", PLAIN),
-                ' xmlns:xacro="http://www.ros.org/wiki/xacro"',
-            ),
-            2,
-        ),
-        (robot(joint("j1", PLAIN), ' xmlns="http://www.ros.org"'), 2),
-    ],
-    ids=["FT4-03", "FT4-04", "FT4-05", "FT4-06"],
-)
-def test_a_urdf_with_more_in_it(run, text, velocity):
-    line = "plan j.csv --urdf u.urdf --acceleration 4 --unit rad --json"
-    code, out, err = run(line, u__urdf=text, j__csv="j1\n0\n1\n")
-    assert code == 0, err
-    assert json.loads(out)["certified_duration"] == pytest.approx(1.0)
-    assert ("gear_velocity" in err) == (velocity == 15)  # a rate that is not read is named
-
-
-@pytest.mark.parametrize(
-    "inner",
-    [
-        '<xacro:arm prefix="x"/>',
-        '<xacro:include filename="x"/>',
-        '<xacro:if value="1"/>',
-        joint("${prefix}j1", PLAIN),
-        joint("j1", 'velocity="${v}" lower="-1" upper="1"'),
-    ],
-)
-def test_what_xacro_must_expand_is_refused(run, inner):
-    text = robot(inner + joint("j2", PLAIN), ' xmlns:xacro="http://www.ros.org/wiki/xacro"')
-    line = "plan j.csv --urdf u.urdf --acceleration 4 --unit rad"
-    code, _, err = run(line, u__urdf=text, j__csv="j1,j2\n0,0\n1,1\n")
-    assert code == 2
-    assert "xacro" in err
-
-
 # --- FT4-07: digits are no motion ---
 
 
@@ -359,23 +308,6 @@ def test_whoever_follows_a_suggestion_gets_the_truth_or_a_refusal(run, case):
         assert uses["velocity"] == pytest.approx(truth)
 
 
-@pytest.mark.parametrize(
-    ("case", "words"),
-    [
-        ("FT4-11, no times", "a CSV of waypoints; expected a motion: a CSV with a column of times"),
-        ("FT4-12, a name twice", "'q1': expected a column that is not there twice"),
-        ("FT4-15, a preamble", "expected a header; text above it may begin with #"),
-        ("no unit of angles, with a gripper", "q1 [rad],q2 [rad],finger_joint1 [-]"),
-        ("milliseconds said, no unit of angles", "time [ms],q1 [rad],q2 [rad]"),
-    ],
-)
-def test_what_a_refusal_says(run, case, words):
-    Path("l.yaml").write_text(TWO)
-    code, _, err = verdict(run, "verify log.csv --limits l.yaml", PROVOKING[case][0])
-    assert code == 2
-    assert words in err
-
-
 GERMAN = "Zeit [s];Achse1 [°];Achse2 [°]\n0;0,0;0,0\n0,5;28,6;-14,3\n1;57,3;-28,6\n"
 
 
@@ -464,25 +396,6 @@ def test_a_gripper_beside_the_arm_is_left_out(run):
     assert "expected joints of franka-panda" in err
 
 
-@pytest.mark.parametrize(
-    ("text", "left_out"),
-    [
-        ("name,j1,j2\nhome,0,0\npick,40,-20\n", "name"),
-        ("j1,j2,grip\n0,0,True\n40,-20,False\n", "grip"),
-        ("Pt,j1,j2\n1,0,0\n2,40,-20\n", "column 1"),
-    ],
-)
-def test_columns_of_waypoints_that_are_no_joints_are_left_out(run, text, left_out):
-    """FT4-24."""
-    own = "{max_velocity: 2, max_acceleration: 4}"
-    limits = f"joint_limits: {{j1: {own}, j2: {own}}}"
-    code, out, err = run(
-        "plan w.csv --limits l.yaml --unit deg --json", w__csv=text, l__yaml=limits
-    )
-    assert (code, err) == (0, f"trajopt: w.csv: left out: {left_out}")
-    assert json.loads(out)["certified_duration"] == pytest.approx(2 * np.sqrt(np.radians(40) / 4))
-
-
 # --- FT4-22: MATLAB's polynomials and logs of /joint_states ---
 
 PP = """{"form": "pp", "breaks": [0, 5, 10], "coefs": [
@@ -533,120 +446,12 @@ effort: [0.0, 0.0]
 # --- FT4-16 to FT4-20: what is not here is named, with what is nearest ---
 
 
-@pytest.mark.parametrize(
-    ("line", "name", "text", "words"),
-    [
-        (
-            "plan w.xlsx --limits l.yaml",
-            "w.xlsx",
-            b"PK\x03\x04\x14\x00",
-            "w.xlsx is a spreadsheet; expected waypoints, a row of joint positions each (.csv, "
-            ".txt, .npy, .json); save the sheet as CSV",
-        ),
-        (
-            "plan w.json --robot ur5e --unit rad",
-            "w.json",
-            b'[{"j1":0,"j2":0},{"j1":1,"j2":1}]',
-            "expected waypoints, a row of joint positions each (.csv, .txt, .npy, .json); a list "
-            "of rows of numbers is one",
-        ),
-        (
-            "plan w.csv --robot ur5e --unit deg",
-            "w.csv",
-            b"t,q1,q2,q3,q4,q5,q6\n0,0,-90,90,-90,-90,0\n1,40,-70,80,-100,-90,20\n",
-            "remove the column of times to plan through its positions",
-        ),
-        (
-            "plan p.src --robot ur5e --unit deg",
-            "p.src",
-            b"DEF demo()\nPTP {A1 0, A2 -90, A3 90, A4 0, A5 0, A6 0}\nEND\n",
-            "p.src is a robot program; expected",
-        ),
-        (
-            "plan p.mod --robot ur5e --unit deg",
-            "p.mod",
-            b"MODULE Demo\n  PROC main()\n    MoveAbsJ [[0,-20,20,0,30,0]], v1000;\n  ENDPROC\n",
-            "robot programs are not read: write the joint positions of its moves as a CSV",
-        ),
-        (
-            "plan p.script --robot ur5e --unit deg",
-            "p.script",
-            b"def demo():\n  movej([0,-1.5708,1.5708], a=1.4, v=1.05)\nend\n",
-            "p.script is a robot program",
-        ),
-        (
-            "plan w.csv --limits joint_limits.yaml",
-            "joint_limits.yaml",
-            b"joint1:\n  limit:\n    lower: -2.7437\n    upper: 2.7437\n    velocity: 2.62\n",
-            "joint_limits.yaml is a table of a robot description package; expected a "
-            "joint_limits.yaml behind --limits; its limits are in the URDF made of it",
-        ),
-        (
-            "plan w.csv --limits l.yaml",
-            "l.yaml",
-            b"joint_limits:\n  default_velocity_scaling_factor: 0.1\n  q1: {max_velocity: 2}\n",
-            "expected this key one level up, beside joint_limits:",
-        ),
-        (
-            "verify m.csv --robot ur5e --tolerance 0.1",
-            "m.csv",
-            b"",
-            "nearest is tolerance (rad) beside the waypoints of a problem file, to plan near them",
-        ),
-    ],
-)
-def test_what_is_not_here_is_named_with_what_is_nearest(run, line, name, text, words):
-    Path("w.csv").write_text("a\n0\n1\n")
-    code, _, err = run(line, **{name.replace(".", "__"): text})
-    assert code == 2
-    assert words in err
-
-
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("relative_dynamics_factor", "a speed is not asked for"),
-        ("timepoints", "the nearest is given_times,"),
-        (
-            "current_velocity",
-            "in this tool; the nearest is start_velocity,",
-        ),
-        (
-            "target_velocity",
-            "in this tool; the nearest is end_velocity,",
-        ),
-        (
-            "current_acceleration",
-            "in this tool; the nearest is start_acceleration,",
-        ),
-        ("minimum_duration", "the nearest are least_duration and duration (exactly)"),
-        ("minimum_time", "in this tool; the nearest is least_times,"),
-        ("per_section_minimum_duration", "in this tool; the nearest is least_times,"),
-        ("desired_duration", "the nearest are least_duration and duration (exactly)"),
-        ("intermediate_positions", "start, goal and the points between them are rows of waypoints"),
-        ("per_section_max_velocity", "limits of one segment"),
-        (
-            "sd_start",
-            "in this tool; the nearest is start_velocity,",
-        ),
-        ("min_velocity", "limits are under [limits]"),
-        ("max_velocity", "limits are under [limits]"),
-    ],
-)
-def test_words_of_other_tools(run, key, words):
-    problem = 'waypoints = [[0], [1]]\nunits = {waypoints = "rad", limits = "rad"}\n'
-    text = f"{key} = 1\n{problem}[limits]\nvelocity = [1]\nacceleration = [1]\n"
-    code, _, err = run("plan p.toml", p__toml=text)
-    assert code == 2
-    assert words in err
-    with pytest.raises(TypeError, match=re.escape(words)):
-        Problem([[0.0], [1.0]], Limits([1.0], [1.0]), **{key: 1})
-
-
 def test_arguments_that_nobody_has():
     limits = Limits([1.0], [1.0])
     with pytest.raises(TypeError, match="Problem takes no colour: it has waypoints, limits"):
         Problem([[0.0], [1.0]], limits, colour=1)
+    with pytest.raises(TypeError, match="in this tool; the nearest is start_velocity,"):
+        Problem([[0.0], [1.0]], limits, current_velocity=1)
     for names in ("max_velocity", "velocity_limits", "v_max"):
         with pytest.raises(InvalidInput, match=f"limits.{names}: expected this left out"):
             Limits(**{names: [1.0], "acceleration": [1.0]})

@@ -53,37 +53,3 @@ def test_planners_stand_beside_it(trajopt, tmp_path):
     for ending in (".png", ".svg", ".pdf"):
         assert stem.with_suffix(ending).stat().st_size > 1000
     assert max(map(len, out.splitlines()[:-1])) <= 80
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ("--durations 2,x", "--durations"),
-        ("--durations 2,-1", "--durations"),
-        ("--durations 1.2", "durations is 1.2"),
-        ("--measure snap", "snap"),
-        ("--time-limit -1", "--time-limit"),
-    ],
-)
-def test_errors_are_a_line(trajopt, options, said):
-    code, out, err = trajopt(f"front six-axis {options}")
-    assert (code, out) == (2, "")
-    assert said in err
-    assert err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("problem", "unknown"),
-    [
-        ("moving-start", "start velocity"),
-        ("demands-wait", "dwell"),
-        ("robots-franka-fr3-w4", "velocity"),
-        ("demands-random-020", "tolerance"),
-    ],
-)
-def test_a_problem_that_asks_for_more_is_refused(trajopt, problem, unknown):
-    """Without its waits, its tolerance or a robot's own law it has another front."""
-    code, out, err = trajopt(f"front {problem}")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "no front here: it does not know" in err
-    assert unknown in err

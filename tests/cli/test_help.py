@@ -45,20 +45,6 @@ def test_no_option_is_lost_in_the_groups(capsys):
         assert re.search(rf"{flag}\b", printed)
 
 
-@pytest.mark.parametrize(
-    ("asked", "needed"),
-    [("judge", "MOTION"), ("judge theirs.csv", "PROBLEM"), ("explain six-axis", "--planner")],
-)
-def test_a_command_alone_says_what_it_needs_with_an_example(asked, needed, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(asked.split())
-    said = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert said.count("\n") == 1
-    assert f"needs {needed}" in said
-    assert EXAMPLES[asked.split()[0]][0] in said
-
-
 @pytest.mark.parametrize("kind", ["planners", "problems", "robots", "limits"])
 def test_one_list_is_a_part_of_all(kind, capsys):
     printed = []
@@ -67,13 +53,3 @@ def test_one_list_is_a_part_of_all(kind, capsys):
             main(asked)
         printed.append(capsys.readouterr().out.strip())
     assert printed[1] in printed[0]
-
-
-@pytest.mark.parametrize(
-    ("to", "flag"), [("csv", "--output"), ("latex", "--out"), ("pdf", "--out")]
-)
-def test_a_folder_is_no_file_and_a_file_no_folder(to, flag, tmp_path, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["export", "out", "--to", to, flag, str(tmp_path / "there")])
-    assert ended.value.code == 2
-    assert f"since --to is {to}" in capsys.readouterr().err

@@ -66,7 +66,9 @@ def by_line(loaded):
     return Trajectory(times, coefficients, times)
 
 
-@pytest.mark.parametrize(("kinds", "demand"), [own for own in CASES if "falling" in own[0]])
+@pytest.mark.parametrize(
+    ("kinds", "demand"), one_in(4, [own for own in CASES if "falling" in own[0]])
+)
 def test_a_figure_has_the_limits_that_count(tmp_path, kinds, demand):
     """The lines drawn are `Limit.edges`, within the limits of the segment at each time."""
     path = tmp_path / "p.toml"
@@ -94,7 +96,7 @@ def test_a_figure_has_the_limits_that_count(tmp_path, kinds, demand):
 KEPT = ("none", "tolerance", "least_times", "least_duration", "duration")
 
 
-@pytest.mark.parametrize(("kinds", "demand"), one_in(9, CASES))
+@pytest.mark.parametrize(("kinds", "demand"), one_in(27, CASES))
 def test_a_slow_motion_of_every_pair_is_judged(tmp_path, kinds, demand):
     path = tmp_path / "p.toml"
     path.write_text(problem(kinds, demand))

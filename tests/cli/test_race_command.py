@@ -22,9 +22,3 @@ def test_planners_stand_beside_the_optimum(run, tmp_path):
     code, _, err = run("race mine.toml")
     assert code == 2
     assert "--out is 'race.html': expected a file that is not there yet, or --force" in err
-
-
-def test_an_unknown_planner_is_named_before_anything_runs(run):
-    code, _, err = run("race six-axis topra")
-    assert code == 2
-    assert "toppra" in err

@@ -48,10 +48,3 @@ def test_nothing_solved_is_code_1_and_bad_input_is_code_2_with_one_line(run):
     assert (code, out) == (2, "")
     assert err.startswith("trajopt: no problem is called 'six-axes'")
     assert err.count("\n") == 1
-
-
-def test_a_planner_and_a_problem_are_told_apart(run):
-    _, _, err = run("plan toppra")
-    assert err.startswith("trajopt: toppra is a planner, not a problem; ")
-    _, _, err = run("plan one-joint --planner six-axis")
-    assert err.startswith("trajopt: six-axis is a problem, not a planner; ")

@@ -65,21 +65,6 @@ def test_waypoints_are_the_goals_and_one_is_enough(run):
     assert (code, "at least two rows" in err) == (2, True)
 
 
-@pytest.mark.parametrize(
-    ("flags", "words"),
-    [
-        ("--from runs.csv", "--from FILE and --at SECONDS, both or neither"),
-        ("--at 0.5", "--from FILE and --at SECONDS, both or neither"),
-        ("--from runs.csv --at 99", "a time from 0 to"),
-        ("--from gone.csv --at 0.5", "does not exist"),
-    ],
-)
-def test_what_cannot_be_taken_over_is_said(run, flags, words):
-    run("plan runs.toml --out runs.csv", runs__toml=RUNS)
-    code, _, err = run(f"plan runs.toml {flags}")
-    assert (code, words in err) == (2, True), err
-
-
 @pytest.mark.parametrize("file", ["m.csv", "m.yaml", "m.png"])
 def test_a_braking_is_planned_written_and_judged(run, file):
     code, out, err = run(f"plan fast.toml --brake-first --out {file}", fast__toml=FAST)

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from trajopt import InvalidInput, Problem, UnknownName
+from trajopt import InvalidInput, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites import robots
 from trajopt.cli import suite as suite_cli
@@ -157,19 +157,3 @@ def test_what_cannot_be_a_folder_is_an_error(run, tmp_path):
 
 
 # --- mistakes ---
-
-
-@pytest.mark.parametrize("command", ["show robot", "export robot x"])
-def test_an_unknown_suite_says_which_there_are(run, command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(UnknownName, match="did you mean 'robots'"):
-        run(command)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("command", ["show edges", "export edges x"])
-def test_no_problems_at_all_are_refused(run, command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InvalidInput, match="size"):
-        run(command, "--size 0")
-    assert not list(tmp_path.iterdir())
