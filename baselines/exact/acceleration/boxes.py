@@ -26,7 +26,8 @@ from trajopt.core.limits.joint_limit import UNLIMITED
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 
-# Up to this many pairs of neighbours are also merged one pair at a time.
+# Up to this many pairs of neighbours are also merged one pair at a time. More: a problem for each.
+# Fewer: an optimum that passes one of several pairs at once is missed.
 MAX_PAIRS = 8
 
 PlannerT = TypeVar("PlannerT", bound=SeveralStarts)

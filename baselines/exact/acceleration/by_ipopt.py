@@ -20,8 +20,10 @@ from baselines.ipopt import Options, Program, Run, flat, program, unflat
 from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
 
+# Larger: the check is coarser than the method that it checks. By default IPOPT widens bounds by
+# 1e-8.
 OPTIONS: Options = {"tol": 1e-12, "constr_viol_tol": 1e-12, "bound_relax_factor": 0.0}
-# Longest segment, relative to stopping everywhere.
+# Longest segment, relative to stopping everywhere, which is possible. Below 1 it may be shut out.
 LONGEST = 1.1
 
 

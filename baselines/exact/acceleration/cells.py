@@ -22,10 +22,11 @@ from baselines.exact.method.chain import at_ends
 from baselines.exact.method.scaled import Abreast
 from trajopt.core.arrays import Array, Bools, Indices
 
+# Barrier parameter of a start. Halved or doubled: 1 to 2 % more steps.
 START_BARRIER = 0.1
-# Largest share of the velocity limits that an initial guess uses.
+# Largest share of the velocity limits that an initial guess uses. At 1 it has no slack.
 _START_ROOM = 0.98
-# Least excess of an initial guess over a least time, relative to it.
+# Least excess of an initial guess over a least time, relative to it. At 0 it has no slack.
 _LATER = 1e-3
 
 # Signs of the upper profile and of the lower one, which is mirrored: h, u, w, peaks change sign.

@@ -25,23 +25,28 @@ from baselines.exact.acceleration.profiles import extremes
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 
-MAX_STARTS = 64
-# Time of a guess, relative to the start of its interval.
+MAX_STARTS = 64  # combinations of intervals that are tried; fewer may miss that of the optimum
+# Time of a guess, relative to the start of its interval. At 1 it has no slack; a large one may be
+# behind the optimum of another joint.
 _INSIDE = 1.1
-# Place of a second, slower guess in an interval before a gap, as a share of the interval.
+# Place of a second, slower guess in an interval before a gap, as a share of the interval: near its
+# end, where the velocity at the next waypoint is least. At 1 it has no slack.
 _SLOW_SHARE = 0.95
 # Longest over least time of an interval that counts as a single time: it may be one, and the
-# velocity before it is a guess.
+# velocity before it is a guess. Smaller: that guess hides such a time. Larger: an interval with an
+# inside gets one guess, not two.
 _ONE_TIME = 1 + 1e-6
-# Largest share of the velocity limits that a guess uses.
+# Largest share of the velocity limits that a guess uses. At 1 it has no slack.
 _LIMIT_SHARE = 0.98
 # Number of times that are tried for a segment between two given velocities, and for a problem of
-# one segment; there each edge of an interval is then halved so many times.
+# one segment; there each edge of an interval is then halved so many times, to rounding. Fewer
+# times: an interval between two of them is missed.
 _TRIED = 600
 _BORDER_TRIED = 2000
 _HALVINGS = 60
 _TINY = 1e-300  # in place of the velocity 0 of a joint that rests
-# The longest time that is tried, relative to the time in which every joint can stop.
+# The longest time that is tried, relative to the time in which every joint can stop. Larger: the
+# same number of times is sparser. Smaller: intervals beyond it are missed.
 _LONGEST = 4.0
 
 

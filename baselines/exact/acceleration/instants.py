@@ -20,17 +20,25 @@ from trajopt.core.arrays import Array, Bools, Indices
 
 Point = tuple[Array, Array]  # segment times, inner velocities
 
-STEPS = 24
-SLOW = 0.1  # after a step that leaves more of the excess than this, a longer one is tried too
+STEPS = 24  # linear programs at most; fewer: more of an excess at a double root stays
+# After a step that leaves more of the excess than this, a longer one is tried too. Larger: steps to
+# a double root are too short. Smaller: the longer one is tried in vain.
+SLOW = 0.1
 ROUNDING = 2e-16  # a smaller excess over a limit, relative to it, is rounding
-_WIDER = 1e-6  # share by which limits are wider, for the derivatives by them
-_LEAST_UNIT = 1e-12  # least derivative by the dilation, relative to the largest
-# Weights, beside the duration: of the largest excess over a limit, and of each change.
+# Share by which limits are wider, for the derivatives by them: between the rounding and the
+# curvature of a difference.
+_WIDER = 1e-6
+_LEAST_UNIT = 1e-12  # least derivative by the dilation, relative to the largest: no division by 0
+# Weights, beside the duration, whose weight is 1. The largest excess over a limit: so heavy that it
+# comes first. Each change: so light that the duration hardly feels it; without it a change upwards
+# and one downwards may come together.
 _EXCESS_WEIGHT = 1e7
 _CHANGE_WEIGHT = 1e-4
-# Largest change, in units of the largest excess so far.
+# Largest change, in units of the largest excess so far. Smaller: more steps. Larger: a step leaves
+# the region in which the derivatives hold.
 _FARTHEST = 1e5
-# Inequalities with more room than this do not count, in units of the largest excess.
+# Inequalities with more slack than this do not count, in units of the largest excess: a
+# change of at most `_FARTHEST` does not use it up. Larger: larger programs.
 _NEAR = 1e6
 _TOL = 1e-10  # of the linear program, the least of HiGHS
 

@@ -17,13 +17,14 @@ from baselines.exact.method.pieces import Pieces, quotient
 from baselines.exact.method.segments import Segments
 from trajopt.core.arrays import Array, Bools
 
-# Breaks at a smaller distance than this share of a segment are close.
+# Breaks at a smaller distance than this share of a segment are close: one is removed if the motion
+# keeps its limits without it. Larger: more are tried, at a linear program each.
 _CLOSE_RTOL = 1e-6
 # Of a motion that cannot be dilated, breaks at a smaller distance than this share are one: their
 # distance is rounding, and no accelerations over it correct the motion.
 _ONE_BREAK_RTOL = 3e-14
 # Share of the unused acceleration that the profile of least overshoot leaves, so that close breaks
-# can be removed.
+# can be removed. Larger: the joint passes its position limits by more. 0: brief pieces stay.
 _KEPT_SHARE = 1e-3
 # With less unused acceleration than this, relative to the limit, there is only one motion.
 _LEAST_SPARE = 1e-6

@@ -53,28 +53,41 @@ from trajopt.judging.verification import flaws
 from trajopt.planners.reductions import SIMPLEST, reduced
 from trajopt.planners.rest_to_rest import stop_times
 
-# Largest number of initial guesses if all fail, times `starts`.
+# Largest number of initial guesses if all fail, times `starts`. Fewer: no answer where a later one
+# would have had one. More: CPU time where none has.
 MAX_STARTS_FACTOR = 5
-_VELOCITY_RTOL = 1e-15  # rounding of a velocity
+# Rounding of a velocity. Smaller: a brief segment needs a dilation for it, which does not help
+# there.
+_VELOCITY_RTOL = 1e-15
+# Largest dilation of a solver's answer. Smaller: it is refused where its constraints are met badly.
+# Larger: answers far from an optimum count.
 MAX_DILATION = 2.0
-_NEGLIGIBLE = 1e-14  # excess over the limits for which a motion is planned within them
-_KEPT_SHARE = 0.45  # a motion uses at most this share of the excess that the judge allows
+# Excess over the limits for which a motion is planned within them. Larger: its end is missed by as
+# much. Smaller: limits are wider by rounding where they need not be.
+_NEGLIGIBLE = 1e-14
+# A motion uses at most this share of the excess that the judge allows. At 1 nothing is left for the
+# rounding of the judge.
+_KEPT_SHARE = 0.45
 # Shares by which limits are wider at first, for an interval of a single time. Where the limits of
 # several joints meet in it, the descent needs the largest.
 _WIDER = (1e-9, 1e-8, 1e-6)
-_BORDER_EXCESS = 1e-8  # over the limits, of a time that rounding of several joints' borders moved
-MAX_BORDER_DILATION = 1 + 1e-9  # rounding of a time at which a segment becomes possible
-DILATION_TOL = 1e-15
+# Excess over the limits of a time that rounding of several joints' borders moved. Smaller: the
+# first time is missed. Larger: times are sharpened that are not possible.
+_BORDER_EXCESS = 1e-8
+# Rounding of a time at which a segment becomes possible. Larger: a time before it counts, too.
+MAX_BORDER_DILATION = 1 + 1e-9
+DILATION_TOL = 1e-15  # to which the least dilation is found, by halving; less is no number beside 1
 # A velocity that is closer to its limit than this is set to the limit: the duration changes by the
 # square of this.
 _LIMIT_RTOL = 1e-9
 # A mean acceleration in a segment closer to its limit than this, relative, is at the limit.
+# Smaller: rounding of a brief segment hides it. Larger: a joint with slack counts as one without.
 _FULL_RTOL = 1e-7
 # Which initial guesses are tried, in this order, for an answer near an optimum: the nominal points
 # in half and in all the time of stopping, the chord in all and in half of it, the chord slower.
 _NEAR_GUESSES = (4, 3, 0, 1, 2)
 _NEAR_STEPS = 45  # of the interior point, most; three of four guesses need fewer than 30
-_NEAR_FACTOR = 10.0  # largest dilation of such an answer, times `within`
+_NEAR_FACTOR = 10.0  # largest dilation of such an answer, times `within`; less: more are refused
 _LEAST_SHARE = 0.03  # of its time of stopping, that a segment takes at least: costs up to 5e-5
 
 

@@ -29,7 +29,7 @@ _OPTIONS: Options = {
     "mu_strategy": "adaptive",
     "max_iter": 1000,
 }
-# Initial guess of the levels and holding times, for both sides.
+# Initial guess of the levels and holding times, for both sides, in order of size as (5.5) asks.
 _GUESS = [0.5, 0.0, -0.5, 0.125, 0.25, 0.125] * 2
 
 

@@ -65,7 +65,8 @@ FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 _UP_AND_DOWN = np.reshape([-1.0, 1.0], (2, 1, 1, 1))  # signs of an offset in its box
 # A smaller residual of a link, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
-# Barrier parameter of a start, times the number of inequalities, relative to the duration.
+# Barrier parameter of a start, times the number of inequalities, relative to the duration. Halved
+# or doubled: 2 % more or fewer steps.
 START_BARRIER_RTOL = 0.1
 
 

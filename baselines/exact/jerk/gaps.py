@@ -34,34 +34,44 @@ from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.rounding import of_states
 
-MAX_STARTS = 32
-# Shares of the limits that are left to rounding: the second where the first is not enough.
+MAX_STARTS = 32  # combinations of intervals that are tried; fewer may miss that of the optimum
+# Shares of the limits that are left to rounding: the second where the first is not enough. Larger:
+# a duration longer by as much.
 SPARES = (1e-10, 1e-8)
-# Grid of times of a segment: how many, the longest and the shortest, relative to its stop time.
+# Grid of times of a segment: how many, the longest and the shortest, relative to its stop time. A
+# sparser grid misses intervals between two of its times. A denser one takes longer.
 _TIMES = 160
 _LONGEST = 30.0
 _SHORTEST = 1e-3
-_TINIEST = 1e-9
+_TINIEST = 1e-9  # the least time of a segment of no displacement, whose shortest time is 0
 # Grid of states at a segment's free end: velocities as shares of their limits, accelerations as
-# shares of the largest ones possible at such a velocity.
+# shares of the largest ones possible at such a velocity. All below 1: at a limit there is no slack.
+# Fewer states: intervals whose states lie between them are missed. CPU time grows with their
+# number.
 _VELOCITIES = np.linspace(-0.95, 0.95, 21)
 _ACCELERATIONS = np.linspace(-0.9, 0.9, 5)
-# States at the end of a short segment: jerks of its first and second half, as shares of the limits.
+# States at the end of a short segment: jerks of its first and second half, as shares of the limits,
+# all below 1: at a limit there is no slack.
 _JERKS = (-0.8, -0.3, 0.0, 0.3, 0.8)
-# Further times of the grid, relative to the time of passing the segment at constant velocity.
+# Further times of the grid, relative to the time of passing the segment at constant velocity:
+# before a gap intervals are too narrow for the grid.
 _PASSING = np.linspace(0.85, 1.15, 25)
 # Number of times that are tried where only the time is free; each edge is then so often halved.
 _ALONE_TIMES = 2000
 _HALVINGS = 50
-_PASSES = 2  # of looking for edges
-# Rounding of a slack, relative to the changes of position that it is the difference of.
+_PASSES = 2  # of looking for edges: in the first one two edges between two times show as none
+# Rounding of a slack, relative to the changes of position that it is the difference of. Smaller:
+# the first time is missed by rounding. Larger: a limit is exceeded by more.
 _ROUNDING_RTOL = 1e-14
-# The least share of the time that a phase may take whose ends may be rounded: the root of theirs.
+# The least share of the time that a phase may take whose ends may be rounded: about the root of
+# their rounding, as time enters with its square. Closer to 0: such a motion is missed.
 _ROUNDED_PHASE = -1e-3
-# Least slack of an initial guess's displacements, in units of the time squared.
+# Least slack of an initial guess's displacements, in units of the time squared. Smaller: a guess
+# begins at the boundary, with short steps. Larger: narrow intervals have no guess.
 _SLACK = 1e-6
 # Distance of an initial guess from the edge of its interval, in times of the grid. The second value
-# is used where all guesses of the first fail, and so on.
+# is used where all guesses of the first fail, and so on. Small: little slack. Large: far from the
+# least time of the interval.
 DEPTHS = (8, 20, 3, 50)
 
 

@@ -31,6 +31,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from baselines.exact.jerk.cells import FLIPS, JerkInequalities, JerkTables, JerkUnknowns
+from baselines.exact.method.brief_steps import MISS
 from baselines.exact.method.chain import at_ends
 from baselines.exact.method.pieces import Pieces, quotient, summed
 from baselines.exact.method.scaled import (
@@ -44,28 +45,41 @@ from baselines.exact.method.segments import MOST, MOST_IN_MOTION, Segments
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
 
-# Phases that are removed from states, relative to the longest ramp.
+# A phase shorter than this share of the longest ramp is removed from a state. The barrier leaves
+# phases of 1e-6 to 1e-3. Smaller: brief pieces stay. Larger: real phases are tried too.
 BRIEF_RTOL = 1e-2
-# Rounding of a phase, as a share of its segment's time.
+# Rounding of a phase, as a share of its segment's time. Smaller: pieces of rounding stay.
 ROUNDING = 4e-15
-# A state closer to its limit than this, relative, becomes the limit.
+# A state closer to its limit than this, relative, becomes the limit. Smaller: a dip of the
+# acceleration stays beside the limit. Larger: states are tried that belong inside.
 NEAR_RTOL = 1e-4
-NEWTON_STEPS = 2
-EVEN = 2  # number of evenly spaced inner breaks of a segment
+NEWTON_STEPS = 2  # the phase vanishes to 1e-14; fewer: a brief piece may stay
+# Number of evenly spaced inner breaks of a segment. 1: two pieces cannot meet a position and a
+# velocity, so every joint needs the breaks of its profiles: twice the pieces. 4: a tenth more
+# pieces.
+EVEN = 2
 # Breaks closer than this to another one, relative to the segment's shortest full ramp, are tried.
+# Smaller: more breaks stay. Larger: more attempts.
 CLOSE_RTOL = 1e-2
-# Share of a jerk limit that the last place of a velocity may cost in a segment.
+# Share of a jerk limit that the last place of a velocity may cost in a segment. Larger: such a
+# segment exceeds its jerk limit by as much. Smaller: more segments have velocities of their own,
+# which their neighbours have to meet.
 BRIEF_USE = 1e-9
-# In a segment with a waypoint left out: a joint whose step is a smaller share of the largest one
-# does not determine when the waypoint is passed, and one with less slack, relative to its reachable
-# displacements, keeps its motion. Where the motion misses it by more roundings than `MISS`, one is
-# tried that is slower by a share of its time.
+# In a segment with a waypoint left out: a joint whose step is a smaller share of the largest one is
+# no leader. Smaller: leaders whose time is mostly rounding are tried.
 LEAST_MOVE = 1e-2
+# A joint with less slack, relative to its reachable displacements, keeps its motion. Larger: joints
+# that could pass the waypoint miss it. Smaller: changes are tried that
+# limits forbid.
 LEAST_SLACK = 1e-7
-LEADER_STEPS = 4
-MISS = 0.25
+LEADER_STEPS = 4  # to the leader's time; fewer: the waypoint is missed by what they leave
+# Where the motion misses a waypoint by more than `MISS` roundings, one is tried that is slower by
+# `SLOWER` of its time. The judge allows a miss of 1. A larger `SLOWER`: a longer duration. A
+# smaller one: less slack.
 SLOWER = 3e-7
-TIMES = (1 / 64, 64.0)  # least and largest square of a factor of a brief segment's time
+# Least and largest square of a factor of a brief segment's time. Larger: its neighbours get too
+# little time.
+TIMES = (1 / 64, 64.0)
 HALVES = np.array([[-0.5], [0.5]])
 TINY = 1e-300  # instead of dividing by 0
 
@@ -86,8 +100,9 @@ class _Simpler(NamedTuple):
     brief: float
 
 
+# A larger `brief`: fewer pieces, and velocities above their limits by more.
 AT_REST = _Simpler(MOST, 1e-11, 7e-6)
-# The judge cannot dilate a motion between given velocities.
+# The judge cannot dilate a motion between given velocities: all three are smaller.
 IN_MOTION = _Simpler(MOST_IN_MOTION, 1e-13, 3e-7)
 
 

@@ -54,21 +54,26 @@ from trajopt.planners.reductions import SIMPLEST, reduced
 if TYPE_CHECKING:
     from baselines.exact.jerk.motion import Reachable
 
-# Most initial guesses, relative to `starts`: they are tried as long as all have failed.
+# Most initial guesses, relative to `starts`: they are tried as long as all have failed. Fewer: no
+# answer where a later one would have had one. More: CPU time where none has.
 MAX_STARTS_FACTOR = 3
 # An initial guess stops at every waypoint. Least and largest time of a segment, relative to the
-# least time with such stops.
+# least time with such stops. At 1 a guess has no slack.
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
-# The motion through the exact points, as an initial guess: times so much longer, and steps.
+# The motion through the exact points, as an initial guess: times so much longer, and steps. At 1
+# the guess has no slack. Fewer steps: the last iterate is longer. More: CPU time in dozens of
+# points.
 _SLOWER = 1.02
 _MOST_STEPS = 400
-_FEW_STARTS = 2  # for each problem, where boxes overlap and there are several problems
+# For each problem, where boxes overlap and there are several problems: more cost CPU time in each.
+_FEW_STARTS = 2
 # A segment in motion that takes longer than its first possible time, relative, is tried again, from
-# these shares of that time.
+# these shares of that time. Fewer shares: a motion just behind that time is missed.
 _SAME_RTOL = 1e-9
 _BESIDE_FIRST = (1.0, 1.01, 1.1, 1.3, 1.5, 2.0)
-# Factor on the tolerances that is still accepted if rounding stops the method.
+# Factor on the tolerances that is still accepted if rounding stops the method. Smaller: no answer
+# there. Larger: durations above the optimum by as much.
 ACCEPTED = 100.0
 
 

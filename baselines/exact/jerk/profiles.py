@@ -33,9 +33,11 @@ import numpy as np
 from trajopt.core.arrays import Array, Bools
 
 _TINY = 1e-300  # instead of dividing by 0
-# Least level of a rise to the velocity limit, relative to the acceleration limit.
+# Least level of a rise to the velocity limit, relative to the acceleration limit: its derivatives
+# have the level as a divisor.
 _LEAST_LEVEL = 1e-12
-# Rounding of a phase, relative to the segment's time.
+# Rounding of a phase, relative to the segment's time. Smaller: states of an optimum count as out of
+# reach. Larger: states that are out of reach count as reached.
 _ROUNDING = 1e-12
 
 # Indices of a cell's variables: logarithm of the time, then velocity and acceleration at each end.

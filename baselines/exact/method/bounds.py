@@ -15,9 +15,13 @@ from trajopt.core.resolution import spared
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.reductions import RESTING_JOINTS
 
-_GIVEN_RTOL = 1e-4  # by which given times may be exceeded in the search
-_GIVEN_SECONDS = 5.0  # of CPU time, for the proof that given times are impossible
-_ROUNDING_RTOL = 1e-9
+# By which given times may be exceeded in the search, relative. Smaller: a proof takes
+# longer. Larger: times that are too short by less may stay unproved.
+_GIVEN_RTOL = 1e-4
+# CPU time for the proof that given times are impossible, s. Less: `failed` in place of
+# `infeasible`.
+_GIVEN_SECONDS = 5.0
+_ROUNDING_RTOL = 1e-9  # a bound above the given times by less may be rounding, and proves nothing
 
 
 def is_near(problem: Problem, motion: Trajectory, within: float) -> bool:

@@ -22,13 +22,18 @@ from trajopt.judging.passing import misses
 from trajopt.judging.verification import verify
 from trajopt.planners.reductions import RESTING_JOINTS
 
-MAX_ATTEMPTS = 4  # before the whole problem is solved
+# Attempts before the whole problem is solved. Fewer: it is solved more often, with times of 1e-6 of
+# the others. More: CPU time for waypoints that are missed whatever is put back.
+MAX_ATTEMPTS = 4
 # Excess over the relaxation's duration, relative. Below the first no further attempt is made, below
-# the second the whole problem is not solved.
+# the second the whole problem is not solved. Larger: the answer may be too long by as much.
+# Smaller: more problems are solved for an answer that is as short.
 SAME_RTOL = 1e-9
 NEAR_RTOL = 1e-6
-MISS = 0.25  # in roundings of coordinates: a waypoint that is missed by more may be put back
-NEWTON_STEPS = 8
+# In roundings of coordinates: a waypoint that is missed by more may be put back. The judge allows
+# 1; the rest is for the rounding of the motion itself.
+MISS = 0.25
+NEWTON_STEPS = 8  # to the time of the nearest point: quadratic, so 8 end at rounding
 
 
 Solve = Callable[[Problem, Array | None], Solution]

@@ -30,12 +30,13 @@ import numpy as np
 from trajopt.core.arrays import Array, Bools, Indices
 
 # Added to the diagonal entries of the times, in units of each time, where the matrix is not
-# positive definite: the first value, the factor between two trials, the largest value.
+# positive definite: the first value, the factor between two trials, the largest value. Smaller:
+# more factorisations before one succeeds. Larger: times change less in a step than they could.
 START_CONVEXITY = 1e-2
 CONVEXITY_FACTOR = 8.0
 MAX_CONVEXITY = 1e14
 # The whole diagonal grows by this share of that value. Beside segments of 1e-7 s rounding alone can
-# make the matrix indefinite.
+# make the matrix indefinite: with 0 no value succeeds there.
 ROUNDING_RTOL = 1e-18
 
 

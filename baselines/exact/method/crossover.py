@@ -31,28 +31,36 @@ from baselines.exact.method.interior_point import ROW_AXES, Arrived, Inequalitie
 from trajopt.core.arrays import Array, Bools, Indices
 
 # Crossover is tried at these gaps, relative to the duration, and where the method has converged.
+# Larger: the active set is guessed wrong, and the attempt is in vain. Smaller: more steps before.
 ATTEMPTS: tuple[Arrived, ...] = (
     partial(interior_point.near, gap_rtol=1e-5),
     partial(interior_point.near, gap_rtol=1e-7),
     partial(interior_point.near, gap_rtol=1e-9),
     interior_point.converged,
 )
+# Newton's method converges quadratically. Fewer: correct guesses fail. More: wrong ones cost more.
 MAX_STEPS = 6
-# Largest residual of an equation, or of a link between cells, that counts as zero.
+# Largest residual of an equation, or of a link between cells, that counts as zero. Smaller:
+# rounding is above it, and nothing crosses. Larger: the motion needs a dilation.
 RESIDUAL_TOL = 1e-13
-# Largest entry of the Lagrangian's gradient at an optimum, relative to the duration.
+# Largest entry of the Lagrangian's gradient at an optimum, relative to the duration. The error of
+# the duration is of its square.
 STATIONARITY_RTOL = 1e-8
 # Tapia's indicators: an active inequality keeps this share of its multiplier in a step, an inactive
-# one this share of its slack.
+# one this share of its slack. A degenerate one keeps half, so it is in neither set above 0.5.
+# Halved: more attempts fail. Above 1 nothing is active.
 MIN_KEPT = 0.75
 # Weight of an equation, relative to the weight of its inequality in the interior-point method.
+# Smaller: the residual falls more slowly. Larger: the matrix is worse conditioned.
 STIFFNESS = 1e3
 # Weight of an inactive inequality, times its slack squared. It keeps an unknown that no equation
-# determines from moving.
+# determines from moving. Larger: it moves the others. Smaller: it is lost in rounding. A slack
+# counts as no less than `MIN_SLACK`, so that its weight stays small.
 FREE_WEIGHT = 1e-10
 MIN_SLACK = 1e-2
-FREE_MULTIPLIER = 1e-15
-# Largest dilation of an accepted motion: after crossover, and without it.
+FREE_MULTIPLIER = 1e-15  # of an inactive inequality, instead of 0
+# Largest dilation of an accepted motion: after crossover, and without it. Larger: durations are
+# above the optimum by as much. Smaller: solved problems are refused for rounding.
 MAX_DILATION_CROSSED = 1 + 1e-12
 MAX_DILATION_CONVERGED = 1 + 1e-9
 

@@ -33,34 +33,40 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
 
 # Pieces of a joint in a segment where no jerk is limited (it speeds up, cruises, brakes), and else.
+# Fewer: optima that need more are not found. More: IPOPT takes longer.
 PIECES = (3, 8)
-# Shares of the limits that are left to rounding, the next where one is not enough.
+# Shares of the limits that are left to rounding, the next where one is not enough. A larger share:
+# a motion longer by as much. A smaller one: IPOPT's rounding breaks a limit.
 SPARES = (0.0, 1e-12, 1e-10, 1e-8)
 # Guesses of the segment times: shares of those at the velocity limits, of their mean, and of those
-# of stopping; then these times factors.
+# of stopping; then these times factors. Guesses only: a descent from them may end in any optimum.
 _SHARES = (1.3, 1.3, 0.3)
 _MORE = (2.3, 1.5, 3.0)
 # Under jerk limits, each before one of the others: the fastest motion without them so much slower,
-# and whether its velocities and places are taken too.
+# and whether its velocities and places are taken too. At 1 jerk has no slack.
 _SLOWER = ((1.3, True), (2.0, False), (1.0, True))
-# Guesses times segments times joints, and iterations times these: bounds of the time.
+# Guesses times segments times joints, and iterations times these: bounds of the CPU time. Smaller:
+# larger problems get fewer guesses, or an iterate far from converged. Larger: more seconds.
 _MOST_CELLS = 36
 _MOST_ITERATIONS = 500
 _ITERATIONS_CELLS = 4000
-_LONGEST = 1e3  # of a guess
-_BRIEFEST = 1e-6  # of the times of stopping
-# Cost of missing a waypoint; by how much a guess may miss one; a smaller miss is rounding.
+_LONGEST = 1e3  # longest time of a segment, times that of the guess: an end to IPOPT's steps
+_BRIEFEST = 1e-6  # least time of a segment in a guess, as a share of stopping: not 0
+# Cost of missing a waypoint, in units of the time and the way. Too low: the first descent
+# ends where it misses waypoints.
 _MISS_COST = 100.0
-_MISSING = 0.1
-# Shares by which limits are widened at first, the next from the answer within the last.
+_MISSING = 0.1  # miss in a guess, in the same units: positive, as IPOPT begins inside
+# Shares by which limits are widened at first, the next from the answer within the last. A smaller
+# first one: there is next to no inside. The last one is what the linear programs have to remove.
 _WIDER = (1e-3, 1e-5, 1e-7, 1e-9)
-_MISSED = 1e-6
-# After IPOPT, in units of the largest excess over a constraint: constraints with more room do not
-# count; no variable changes by more. The cost of the excess, beside all changes together.
+_MISSED = 1e-6  # a larger miss at the end of a descent: it has found no motion
+# After IPOPT, in units of the largest excess over a constraint: constraints with more slack do not
+# count; no variable changes by more. Smaller: a needed change is forbidden. Larger: larger
+# programs.
 _FAR = 1e5
-_EXCESS_COST = 1e9
-_SHARPENINGS = 5
-_SHARP = 4e-16  # without units: no excess
+_EXCESS_COST = 1e9  # relative to all changes together: so large that the excess comes first
+_SHARPENINGS = 5  # linear programs at most; each about squares the excess, as Newton's method
+_SHARP = 4e-16  # without units: a smaller excess is rounding
 _NONE = 1e-10  # a larger excess afterwards: it misses a waypoint
 _OPTIONS: Options = {
     "tol": 1e-10,

@@ -17,13 +17,19 @@ import numpy as np
 from baselines.exact.method.scaled import Scaled
 from trajopt.core.arrays import Array
 
-EVERY_SIDE = 10  # guesses where there are tolerances
-_SWEEPS = 20  # towards the chord
-_SIDE = 0.95  # of the half width of a box
-_TIMES = (1.0, 0.5)  # of stopping, from each place
-_CRUISING = (1.3, 1.05, 2.0)  # of the times at the velocity limits
-_BRIEFEST = 1e-3  # of the times of stopping: boxes that overlap leave no way
-_SLOW = 2.0  # further times, from the places between the sides
+# Guesses where there are tolerances: those of `on_purpose`. Halved or doubled, no answer of the
+# ablation is longer (experiments/README.md, `exact_ablation`).
+EVERY_SIDE = 10
+_SWEEPS = 20  # towards the chord; 10 and 40 give the same answers there
+_SIDE = 0.95  # of the half width of a box; at 1 a guess has no slack
+# Shares of the times of stopping, from each place. Small: the guess is far from possible. Large: it
+# is far from the optimum.
+_TIMES = (1.0, 0.5)
+# Shares of the times at the velocity limits, all above 1: at 1 there is no slack. Halved or
+# doubled, no answer of the ablation is longer.
+_CRUISING = (1.3, 1.05, 2.0)
+_BRIEFEST = 1e-3  # of the times of stopping, at least: boxes that overlap leave no way, so time 0
+_SLOW = 2.0  # a further share, for places between the sides: more slack than at 1
 
 
 class Guess(NamedTuple):

@@ -18,31 +18,44 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools, Indices
 
+# Smaller: a slow descent, in which a time tends to 0, ends unconverged. Larger: so does a diverging
+# one, but later.
 MAX_ITERATIONS = 2000
 # Converged: complementarity gap and change of the last step, relative to the duration, and
-# constraint violation.
+# constraint violation. Larger: the duration is above the optimum by as much. Smaller: rounding
+# keeps a start from converging; the gap cannot fall below `min_gap_rtol`.
 GAP_RTOL = 1e-12
 GAIN_RTOL = 1e-10
 MISS_TOL = 1e-11
+# Stands for the last step's length before the first one, and so sets the first fall of the gap.
+# Halved or doubled: one step more or less.
 START_LENGTH = 0.5
 # The next gap is `left ** FALL_POWER` times the gap, `left` being 1 minus the last step's length.
+# Halved: a sixth more steps. Doubled: steps are shortened more often.
 FALL_POWER = 1.5
-MIN_LEFT = 0.02  # least value of `left`
-# After a shorter step than this the gap rises instead: `left` is then `RAISED`.
+# Least value of `left`: the gap falls to no less than 0.003 of itself in a step.
+MIN_LEFT = 0.02
+# After a shorter step than this the gap rises instead: `left` is then `RAISED`. Smaller: a start
+# stays near the boundary for longer. Larger: the gap also rises where the descent goes on.
 STUCK = 0.02
 RAISED = 3.0
 # The barrier stays as it is while the Lagrangian's gradient exceeds both of these: times the gap,
-# and relative to the duration.
+# and relative to the duration. Halved: 5 % more steps. Doubled: the barrier falls farther
+# from its own optimum, and steps are shortened more often.
 WAIT_PER_GAP = 10.0
 WAIT_RTOL = 1e-1
-# A step goes at most this share of the way to where a slack or a multiplier vanishes.
+# A step goes at most this share of the way to where a slack or a multiplier vanishes. Smaller: at
+# most that share of a gap goes in a step. 1: a slack becomes 0.
 TO_BOUNDARY = 0.99
 # A slack is reset to its inequality's value if that is at least this share of the slack before.
+# Doubled: steps are shortened more often, and there are 7 % more. Smaller: a slack may all but
+# vanish in one step.
 MIN_KEPT_SLACK = 0.005
-# A step that cannot be taken is shortened by this factor, at most so many times.
+# A step that cannot be taken is shortened by this factor, at most so many times: to 1e-9. Fewer
+# times: a start counts as diverged too early. A larger factor: more evaluations for such a step.
 SHORTER = 0.6
 MAX_SHORTENED = 40
-# Largest factor between a multiplier and `barrier / slack`, either way.
+# Largest factor between a multiplier and `barrier / slack`, either way: keeps the weights finite.
 MULTIPLIER_SPREAD = 1e10
 
 # Inequalities are `(kinds, sides, starts, segments, joints)`: all axes but the starts.

@@ -28,10 +28,12 @@ from trajopt.judging.verification import verify
 SAME_RTOL = 1e-9
 # Rounding of the states of a microsecond makes its time longer by no more than this, relative.
 LATER_RTOL = 1e-7
-_NEWTON_STEPS = 8
-# A state that is missed by more roundings than this is no rounded one.
+_NEWTON_STEPS = 8  # quadratic, so 8 end at rounding
+# A state that is missed by more roundings than this is no rounded one. Larger: `nearly` holds where
+# the states are simply far apart. Smaller: a rounded state far from its motion is not told.
 NEAR = 1e6
-# Times the bound: an answer that takes longer is told to be long by rounding.
+# Times the bound: an answer that takes longer is told to be long by rounding. Only the message
+# depends on it.
 LONG = 2.0
 
 

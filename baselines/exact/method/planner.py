@@ -34,12 +34,14 @@ Start = TypeVar("Start")
 
 # Demands of a route that both planners know.
 DEMANDS_KNOWN = ("least_times", "given_times", "closed")
-# A duration that exceeds the sum of the given times by less, relative, counts as equal.
+# A duration that exceeds the sum of the given times by less, relative, counts as equal: rounding.
 _GIVEN_RTOL = 1e-10
 # Largest possible excess over the optimum, relative, with which the second method is left out.
+# Larger: motions that are too long by as much stay. Smaller: the second method runs in vain,
+# where the bound leaves as much.
 _NEAR_RTOL = 1e-4
-_PROVED_RTOL = 1e-6  # and with which its next guesses are left out
-_SAME_RTOL = 1e-12  # durations that differ by less, relative, are one duration
+_PROVED_RTOL = 1e-6  # and with which its next guesses are left out; smaller: more CPU time
+_SAME_RTOL = 1e-12  # durations that differ by less, relative, are one: convergence leaves as much
 # Most cells, segments times joints, of the problems that are solved together: with more, tables
 # leave the processor's cache.
 _MOST_CELLS = 4000

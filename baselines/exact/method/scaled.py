@@ -17,15 +17,17 @@ from trajopt.core.rounding import KEPT_RTOL
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
 
-# Shorter pieces are removed wherever the limits allow it, s.
+# Shorter pieces are removed wherever the limits allow it, s. Smaller: pieces shorter than a cycle
+# of any controller stay. Larger: more linear programs.
 BRIEF_PIECE_S = 1e-6
 # Added to the stop time of a first or last segment that begins or ends in motion, in times of
-# braking: the joints may have to stop, to come back, and to speed up again.
+# braking: the joints may have to stop, to come back, and to speed up again. Less: the guess after
+# all gaps has too little time. More: it is farther from the optimum.
 RETURNS = 3.0
 # Tables of a problem, by where the axis for the starts of several problems is: first, or second.
 _OF_SEGMENTS = ("h", "stop", "least")
 _OF_SIDES = ("v", "a", "r", "waypoint_v", "waypoint_a", "end_v", "end_a")
-_KEPT = KEPT_RTOL / 2  # half of what the judge counts as rounding of a limit
+_KEPT = KEPT_RTOL / 2  # half of what the judge counts as rounding; the rest is for the motion's own
 
 
 class Scaled:

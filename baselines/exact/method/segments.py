@@ -11,15 +11,20 @@ from baselines.exact.method.pieces import Pieces, correction, quotient
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.rounding import KEPT_RTOL
 
-MOST = 1 + 3e-10  # largest share of a limit that a motion may use
+# Largest share of a limit that a motion may use. Larger: certified durations are above the claim by
+# more. Smaller: more joints need the linear program, and more brief pieces stay.
+MOST = 1 + 3e-10
 _FEASIBILITY_TOL = 1e-10  # of the linear program, relative to the limits; the least of HiGHS
 # Residuals at a segment's end, relative to its largest velocity or to the way at that velocity:
-_ROUNDING_RTOL = 4e-15  # a smaller one is rounding, and is not corrected
-_MISSED_RTOL = 1e-12  # a larger one means that the motion does not meet its end
-# The same two between given velocities, where the judge dilates nothing.
+_ROUNDING_RTOL = 4e-15  # a smaller one is rounding: its correction would only add rounding
+_MISSED_RTOL = 1e-12  # a larger one means that the motion misses its end: the verifier repairs it
+# The same two between given velocities, where the judge dilates nothing: half of what it counts as
+# rounding, and a residual that it need not repair.
 MOST_IN_MOTION = 1 + KEPT_RTOL / 2
 _MISSED_IN_MOTION_RTOL = 1e-14
-_NEGLIGIBLE = 1e-13  # share of a limit that a correction of rounding may use
+# Largest share of a limit that a correction of rounding may use. Larger: limits are exceeded by as
+# much. Smaller: more of the rounding stays.
+_NEGLIGIBLE = 1e-13
 
 
 class Segments(NamedTuple):
