@@ -12,7 +12,9 @@ from work import HANG_S
 from baselines.exact.acceleration import Exact
 from baselines.lower_bound.bound import Bound, prove
 from baselines.lower_bound.planner import Prove
+from baselines.ruckig_ import RuckigStop
 from baselines.spline353_nlp import Spline353NLP
+from lower_bound.test_proof import limited_problem
 from trajopt import InvalidInput, Limits, Problem, Status, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
@@ -86,27 +88,27 @@ def test_a_segment_near_rounding_is_left_unproved() -> None:
     assert longer.lower_bound <= 6.0 <= longer.upper_bound * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) -> None:
-    problem = random_problem(seed)
-    answer = Exact().solve(problem).trajectory
-    bound = prove(problem, within=1e-3, time_limit=HANG_S)
+@pytest.mark.parametrize(
+    ("problem", "family", "planner", "within"),
+    [
+        *((random_problem(seed), "free", Exact(), 1e-3) for seed in range(6)),
+        *((limited_problem(seed, waypoints=3), "free", RuckigStop(), 1e-2) for seed in range(3)),
+        *(
+            (random_problem(seed, waypoints=4, jerk=seed < 2), "spline353", Spline353NLP(), 1e-3)
+            for seed in range(4)
+        ),
+    ],
+)
+def test_a_bound_lies_between_a_trivial_one_and_an_answer(problem, family, planner, within) -> None:
+    """Under jerk limits too; each joint crosses each segment at its velocity limit at best."""
+    bound = prove(problem, family, within=within, time_limit=HANG_S)
     sane(bound, problem)
-    limits = np.abs(problem.limits.velocity).max(axis=1)
+    assert bound.proved_within < 2 * within
+    answer = planner.solve(problem).trajectory
     assert answer is not None
     assert bound.lower_bound <= answer.duration * (1 + 1e-9)
-    cruising = np.abs(problem.displacements) / limits
+    cruising = np.abs(problem.displacements) / np.abs(problem.limits.velocity).max(axis=1)
     assert bound.lower_bound >= cruising.max(axis=1).sum()
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_random_splines_with_and_without_jerk(seed: int) -> None:
-    problem = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
-    answer = Spline353NLP().solve(problem).trajectory
-    bound = prove(problem, "spline353", within=1e-3, time_limit=HANG_S)
-    sane(bound, problem)
-    assert answer is not None
-    assert bound.lower_bound <= answer.duration * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("joints", [[1], [3], [1, 2], [3, 4, 5]])
