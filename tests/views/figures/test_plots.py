@@ -195,14 +195,6 @@ def test_quartiles_over_seeds_count_runs_without_a_candidate_as_infinite():
     assert np.isfinite(quartiles[:, -1]).all()
 
 
-def test_the_median_of_an_even_number_needs_one_more_than_half():
-    runs = [a_run([k, 5.0 + k], [8, 5.0 + k]) for k in (1, 2, 4, 8)]
-    evaluations, quartiles = sampling.over_runs(runs)
-    _, median, _ = quartiles
-    assert set(median[evaluations < 4]) == {inf}
-    assert median[-1] == np.median([6, 7, 9, 13])
-
-
 @pytest.fixture
 def curve():
     """Quartiles of two runs, the better one ending at 4 s."""

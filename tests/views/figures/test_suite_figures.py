@@ -145,6 +145,7 @@ def test_shares_count_each_problem_once() -> None:
     assert x[0] == pytest.approx(GAP_FLOOR)
     assert set(np.round(y[(x > 1) & (x < 3)], 9)) == {0.5}  # half of p's runs too
     assert y[-1] == pytest.approx(2 / 3)
+    assert x[-1] == pytest.approx(1.1 * 3)  # beyond the worst gap, in percent
 
 
 def test_anytime_curves_are_quartiles_of_the_gap() -> None:

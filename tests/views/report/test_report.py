@@ -467,16 +467,6 @@ def test_the_median_run_is_drawn_as_certified_at_no_more_than_200_points() -> No
     assert motions.panel(trials, ["mine"], with_motions=False)["motions"] == []
 
 
-def test_jumps_are_drawn_twice_and_many_pieces_evenly() -> None:
-    halves = np.array([[0.5, -0.5], [0.0, 1.0], [0.0, 0.5]])[..., None]
-    bang = Trajectory(np.array([0, 1, 2]), halves, np.array([0, 2]))
-    times, values = motions.sampled(bang, 3, points=4)
-    assert times.tolist() == [0, 1, 1, 2]
-    assert values[2, 0].tolist() == [1, 1, -1, -1]
-    many = Trajectory.joined([(np.linspace(0, 1, 501), np.ones((1, 500)))], [0, 1])
-    assert motions.sampled(many, 2)[0].shape == (200,)
-
-
 @pytest.mark.parametrize("name", ["exact", "toppra"])
 def test_the_time_at_a_limit_is_that_of_the_library(name: str) -> None:
     chosen = suite.load("one-joint")
@@ -514,17 +504,6 @@ def test_the_same_results_give_the_same_bytes(tmp_path: Path) -> None:
     items = made()
     one, two = (report.write(Results(items), tmp_path / f"{n}.html") for n in ("1", "2"))
     assert one.read_bytes() == two.read_bytes()
-
-
-def test_packing_keeps_numbers_and_drops_what_is_not_finite() -> None:
-    packed = packing.packed_json(
-        {"a": [0.1, np.nan, np.inf], "b": np.float64(1 / 3), 3: np.arange(2)}
-    )
-    unpacked = json.loads(gzip.decompress(base64.b64decode(packed)))
-    assert unpacked == {"a": [0.1, None, None], "b": 1 / 3, "3": [0, 1]}
-    assert packing.rounded([12345.678, 0.1, np.nan])[:2] == [12350.0, 0.0]
-    assert packing.rounded([0.0, 0.0]) == [0.0, 0.0]
-    assert packing.rounded([]) == []
 
 
 def test_looks_differ_for_every_planner_of_a_large_comparison() -> None:
@@ -630,16 +609,3 @@ def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
     texts = [text for text, _ in line["cells"]]
     assert texts == ["3", "3", "2.1000", "2.4000", "0.87500", "1.00", "0.100"]
     assert not found["paired"][page.labels.index("exact")]  # one run
-
-
-def test_pairs_of_seeds_are_counted_before_they_are_resampled(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    two = problem("two", 0.5)
-    items = [*run("a", 2.0, 2.1), *run("b", 2.0, 2.1), *run("c", 2.0, 2.1), *run("exact", 2.0)]
-    items += [*run("a", 2.0, 2.1, on=two), *run("b", 2.0, 2.1, on=two)]
-    page = content.page(Results(items))
-    monkeypatch.setattr(suite_curves, "SEED_PAIRS", 4)  # 3 on the first problem, 1 on the other
-    assert len(suite_curves.between_seeds(page)) == 2
-    monkeypatch.setattr(suite_curves, "SEED_PAIRS", 3)
-    assert suite_curves.between_seeds(page) == []
