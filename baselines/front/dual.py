@@ -42,9 +42,9 @@ _CENTRE_SHARE = 0.02
 class SmoothnessConstraints:
     """The rows of a problem: first its equations, then its inequalities.
 
-    A row is what a derivative is at an instant, or by how much it changes from one instant of a
-    segment to another: its mean rate is limited, so that this change is limited by a multiple of
-    the segment time.
+    A row is the value of a derivative at an instant, or the change of a derivative from one instant
+    of a segment to another. Its mean rate is limited, so a multiple of the segment time limits such
+    a change.
 
     Attributes:
         order: 3 for jerk, 2 for acceleration.

@@ -84,8 +84,8 @@ class Relaxation:
         reduced: Largest decrease of each displacement by these offsets, `(segments, joints)`.
         instants: Indices of the segments that can take next to no time, `(instants,)`.
         given_times: Given times of the segments, 0 where there is none, `(segments,)`.
-        waits: Times at rest at the waypoints, s, `(waypoints,)`. They are not part of any variable;
-            they add to the bound.
+        waits: Times at rest at the waypoints, s, `(waypoints,)`. They add to the bound, outside
+            all variables.
         limited: Where a joint has a jerk limit, on one side at least, `(segments, joints)`.
         jerky: Which joints have one in any segment.
         below, above: Position limits minus each segment's start, `(segments, joints)`. Where
@@ -489,7 +489,7 @@ class FallingRows(NamedTuple):
         distance: From the start of each segment to the end of the range, `(2, segments, joints)`.
         room: From the start of each segment to where no motion towards the end is allowed, at
             least 0, likewise.
-        acts: Whether the motion begins, and so stays, where some velocity is allowed.
+        acts: Whether the motion begins where some velocity is allowed; then it stays where one is.
         allowed: Highest velocity at each waypoint, `(2, waypoints, joints)`.
     """
 

@@ -9,7 +9,7 @@
   the joint positions are read: its actions are no joint positions);
 - `.mcap`: a bag of ROS 2. Each topic of `JointState` is an episode, each `JointTrajectory` a chunk.
 
-What is wrong with one of them does not hinder the others: it has its error in place of samples.
+A wrong episode does not hinder the others: it has its error in place of samples.
 """
 
 from __future__ import annotations

@@ -215,7 +215,7 @@ def note_acceleration(robot: RobotOptions, *, completed: Collection[str]) -> Non
 
 @contextmanager
 def reading_motion(path: Path) -> Iterator[None]:
-    """Read a motion beside waypoints, with errors that name the motion's own flag of units."""
+    """Read a motion where waypoints are read too; errors name the flag of the motion's units."""
     try:
         with kinds.reading(path, "motion"):
             yield

@@ -115,8 +115,8 @@ class LinkChain:
         """Return what the joints move.
 
         Raises:
-            InvalidInput: That is not known, which the error says of this key and value; or it is
-                the error of what a file states.
+            InvalidInput: The masses are not known, and the error names this key and value; or the
+                masses in a file are wrong, and the error is that of the file.
         """
         if isinstance(self.masses, InvalidInput):
             raise self.masses

@@ -297,7 +297,11 @@ class Problem:
 
 
 def check_problem(value: object) -> Problem:
-    """Return a problem as it is; raise `WrongType`, which says how one is made, for the rest."""
+    """Return a problem as it is.
+
+    Raises:
+        WrongType: The value is no problem; the message says how one is made.
+    """
     if isinstance(value, Problem):
         return value
     raise WrongType(

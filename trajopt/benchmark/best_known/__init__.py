@@ -4,5 +4,5 @@ In reading order:
 
 - `records`: a record, its file, and its check;
 - `proposal`: better answers than the recorded ones;
-- `surveyed`: records beside what the references find.
+- `surveyed`: the records compared with what the references find.
 """

@@ -1,11 +1,11 @@
 """Arms under limits of the tool's speed and of the torques, through poses that are near.
 
 The poses are a hand's way apart, as of a pick and a place. The tool may move at 250 mm/s, the
-reduced speed beside a person (ISO 10218-1), or at 1000 mm/s. The drives give what their maker
-states or 60 % of it, and what they give may also carry the maker's payload. Acceleration limits are
-the maker's; with torques those of the UR5e and the Gen3, which stand in for them, are 40 rad/s².
-The arm of `six-axis` passes that problem's own waypoints. Its masses are not known, so it has no
-problem with torques.
+reduced speed beside a person (ISO 10218-1), or at 1000 mm/s. The drives have the torques
+that their maker states, with and without the maker's payload, or 60 % of them. Acceleration limits
+are the maker's; with torques those of the UR5e and the Gen3, which stand in for them, are
+40 rad/s². The arm of `six-axis` passes that problem's own waypoints. Its masses are not known, so
+it has no problem with torques.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Common:
         gaps: Median over the problems of the median gaps of each compared planner, a ratio minus 1,
             the smallest first.
         problems: Those that all of these planners answer, by their digests.
-        answered: On how many problems each planner has an answer, of all that were asked for.
+        answered: The number of problems that each planner answers, of all that were asked for.
         every: The number of problems with a known optimum.
     """
 

@@ -42,7 +42,7 @@ def measured(gaps: pd.DataFrame) -> pd.DataFrame:
 def median_gap(gaps: pd.DataFrame) -> float:
     """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
 
-    It is +inf if the planner has no answer on half of them, NaN if there is no such problem.
+    The median is +inf if the planner has no answer on half of these problems, NaN without any.
     """
     known = measured(gaps)
     if known.empty:
