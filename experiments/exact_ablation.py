@@ -7,12 +7,15 @@ The problems are those of the suite `mixes`, parts of the motions of its drawn o
 own state at random and a millisecond from both ends, and some of `moving` and `demands`. Each row
 leaves one thing out, or halves or doubles a constant. It counts the problems whose certified
 duration is longer by 1e-6 than the shortest of all rows and parts, and the CPU time.
+
+Each answer is written to `<planner>-ablation-answers.csv` when it is known, and the table after
+each row. The same command goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from importlib import import_module
@@ -41,6 +44,7 @@ _METHOD, _WITHOUT_JERK, _JERK = (
 )
 
 Variant = Mapping[str, Callable[[Any], Any]]  # by module and attribute: the new value from the old
+Asked = tuple[Problem, float]  # with a duration that is possible, s; infinite where none is known
 
 
 def _nothing(*_: Any, **__: Any) -> Any:
@@ -106,8 +110,8 @@ VARIANTS: dict[str, dict[str, Variant]] = {
 }
 
 
-def problems(planner: str, motions: int, every: int = EVERY) -> Iterator[tuple[Problem, float]]:
-    """Yield problems, and durations that are possible, s (infinite where none is known)."""
+def problems(planner: str, motions: int, every: int = EVERY) -> Iterator[Asked]:
+    """Yield problems."""
     jerk = planner == "exact-jerk"
     for name in ("moving", "demands"):
         chosen = [own for own in catalogue.problems(name) if own.has("jerk") is jerk]
@@ -131,19 +135,34 @@ def problems(planner: str, motions: int, every: int = EVERY) -> Iterator[tuple[P
             yield from zip(halves, (cut, motion.duration - cut), strict=True)
 
 
-def durations(planner: str, asked: list[tuple[Problem, float]], variant: Variant) -> Any:
-    """Return the certified durations under a variant, and the CPU times, s."""
+def answers(
+    planner: str, asked: Sequence[Asked], name: str, variant: Variant, file: Path
+) -> pd.DataFrame:
+    """Return the answers under a variant, one a problem, with the columns of the file.
+
+    Args:
+        planner: Its name.
+        asked: The problems.
+        name: Of the variant.
+        variant: What is changed.
+        file: Has known answers; new ones are added.
+    """
+    known = pd.read_csv(file)
+    known = known[known["without"] == name].set_index("problem")
     free_pieces._solver.cache_clear()  # it is built with the constants of a row
     with ExitStack() as changed:
         for place, value in variant.items():
             module, _, attribute = place.partition(":")
             own = import_module(module)
             changed.enter_context(patch.object(own, attribute, value(getattr(own, attribute))))
-        answers = [timed(planner, problem) for problem, _ in asked]
-    motions, spent = zip(*answers, strict=True)
-    pairs = zip(asked, motions, strict=True)
-    found = [own and verify(problem, own).certified_duration for (problem, _), own in pairs]
-    return np.array([own or np.inf for own in found]), np.array(spent)
+        for problem, _ in asked:
+            if problem.name in known.index:
+                continue
+            motion, spent = timed(planner, problem)
+            duration = motion and verify(problem, motion).certified_duration
+            row = pd.DataFrame([[name, problem.name, duration or np.inf, spent]])
+            row.to_csv(file, mode="a", header=False, index=False)
+    return pd.read_csv(file).set_index(["without", "problem"]).loc[name]
 
 
 def timed(planner: str, problem: Problem) -> tuple[Trajectory | None, float]:
@@ -151,6 +170,26 @@ def timed(planner: str, problem: Problem) -> tuple[Trajectory | None, float]:
     began = time.process_time()
     motion = load(planner).solve(problem).trajectory
     return motion, time.process_time() - began
+
+
+def table(asked: Sequence[Asked], rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return a row per variant, each beside the shortest durations of all."""
+    known = [duration for _, duration in asked]
+    shortest = np.min([known, *(own["certified, s"] for own in rows.values())], axis=0)
+    found = []
+    for name, own in rows.items():
+        excess = own["certified, s"].to_numpy() / shortest - 1
+        found.append(
+            {
+                "without": name,
+                "longer": int((excess > LONGER).sum()),
+                "no answer": int(np.isinf(excess).sum()),
+                "longer at worst, %": 100 * max(excess[np.isfinite(excess)], default=0.0),
+                "where": asked[excess.argmax()][0].name if excess.max() > LONGER else None,
+                "CPU time": own["CPU, s"].sum() / rows["all"]["CPU, s"].sum(),
+            }
+        )
+    return pd.DataFrame(found)
 
 
 def main(
@@ -172,30 +211,19 @@ def main(
         quick: Two motions.
     """
     asked = list(problems(planner, 2 if quick else motions, every))
-    whole, spent = durations(planner, asked, {})
-    quickly = spent <= seconds
-    asked = [own for own, is_quick in zip(asked, quickly, strict=True) if is_quick]
-    say(f"{len(asked)} problems; {(~quickly).sum()} that take longer do not count")
-    rows = {"all": (whole[quickly], spent[quickly])}
+    output.mkdir(parents=True, exist_ok=True)
+    file = output / f"{planner}-ablation-answers.csv"
+    if not file.exists():
+        file.write_text('without,problem,"certified, s","CPU, s"\n')
+    whole = answers(planner, asked, "all", {}, file)
+    asked = [own for own in asked if whole["CPU, s"][own[0].name] <= seconds]
+    say(f"{len(asked)} problems; {len(whole) - len(asked)} that take longer do not count")
+    rows = {}
     for name, variant in VARIANTS[planner].items():
-        if name != "all":
-            rows[name] = durations(planner, asked, variant)
-        say(f"{name}: {rows[name][1].sum():.1f} s")
-    known = [duration for _, duration in asked]
-    shortest = np.min([known, *(own for own, _ in rows.values())], axis=0)
-    table = [
-        {
-            "without": name,
-            "longer": int((excess > LONGER).sum()),
-            "no answer": int(np.isinf(excess).sum()),
-            "longer at worst, %": 100 * max(excess[np.isfinite(excess)], default=0.0),
-            "where": asked[excess.argmax()][0].name if excess.max() > LONGER else None,
-            "CPU time": cpu.sum() / rows["all"][1].sum(),
-        }
-        for name, (own, cpu) in rows.items()
-        for excess in [own / shortest - 1]
-    ]
-    save_table(pd.DataFrame(table), output / f"{planner}-ablation")
+        found = answers(planner, asked, name, variant, file)
+        rows[name] = found.loc[[problem.name for problem, _ in asked]]
+        say(f"{name}: {rows[name]['CPU, s'].sum():.1f} s")
+        save_table(table(asked, rows), output / f"{planner}-ablation")
 
 
 if __name__ == "__main__":
