@@ -140,7 +140,12 @@ def guesses(scaled: Scaled, faster: Trajectory | None = None) -> Iterator[FreeGu
 
 
 def minimised(
-    scaled: Scaled, times: Array, like: Trajectory | None = None, *, widened: bool = False
+    scaled: Scaled,
+    times: Array,
+    like: Trajectory | None = None,
+    *,
+    widened: bool = False,
+    below: float = np.inf,
 ) -> FreeOptimum | None:
     """Return the motion to which IPOPT comes from a guess, if it meets all waypoints.
 
@@ -151,6 +156,8 @@ def minimised(
         scaled: The problem, whose limits leave a share to rounding.
         times, like: As in `FreeGuess`.
         widened: Whether the limits are wider at first, so that there is an inside.
+        below: Duration of a known motion, without units. Where IPOPT comes to a longer one that may
+            still miss waypoints, or exceed limits, it ends: what follows is longer yet.
     """
     segments, joints = scaled.h.shape
     jerky = scaled.r.max(axis=(0, 1)) > 0
@@ -210,10 +217,11 @@ def minimised(
         flat(0 * h, 0 * h, still, -jumps, a[0], v[0], v[0][at_ends]),
         flat(0 * h, 0 * h, still, jumps, a[1], v[1], v[1][at_ends]),
     )
-    answer, converged = None, False
+    answer, converged, is_longer = None, False, False
     wider = _WIDER if widened else (0.0,)
-    # each begins at the answer of the last
-    for most, by in ((high, wider[0]), *((exact, by) for by in wider)):
+    # each begins at the answer of the last; what does not converge in the widest limits, waypoints
+    # met, does not in tighter ones
+    for order, (most, by) in enumerate([(high, wider[0]), *((exact, by) for by in wider)]):
         wide = [_widened((low, most), by), _widened(rows, by)]
         run = solver(np.clip(guess, *wide[0]), parameters, *wide)
         if not run.x[-missing.size :].max() <= _MISSED:
@@ -221,6 +229,9 @@ def minimised(
         guess = run.x
         if run.success or not converged:
             answer, converged = run.x, run.success
+        is_longer = run.success and unit * run.x[:segments].sum() >= below
+        if is_longer or (order == 1 and not run.success):
+            break
     if answer is None:
         return None
     if segments == 1:  # its states may leave one motion; a quarter of their rounding is left to it
@@ -230,9 +241,10 @@ def minimised(
         of_end = 0 * h + place / way, end * rate * swift, end * bend * steep
         spare = flat(0 * h, *of_end, still, still, 0 * h)
         rows = (rows[0] - spare, rows[1] + spare)
-    answer, excess = _sharpened(solver, answer, parameters, (low, exact), rows)
-    if excess > _NONE:
-        return None
+    if not is_longer:
+        answer, excess = _sharpened(solver, answer, parameters, (low, exact), rows)
+        if excess > _NONE:
+            return None
     shapes = [times.shape, *([still.shape] * 4), box.shape, missing.shape]
     found, lengths, velocity, acceleration, jerks, offset, _ = unflat(answer, shapes)
     velocity, acceleration = velocity / rate, acceleration / bend

@@ -230,13 +230,27 @@ class SeveralStarts(Planner):
         for scaled, spare in zip(scales, free_pieces.SPARES, strict=True):
             leave(scaled, spare)
         shortest, best = below, None
-        for guess in guesses:
-            motion = _freely_from(guess, known, scales, optimum, shortest)
-            if motion is None:
-                continue
-            shortest, best = motion.duration, motion
-            if bounds.is_near(known, best, _PROVED_RTOL):
-                break
+        # limits that are wider at first lead to some optima, and away from others
+        going = [(guess, widened) for guess in guesses for widened in (False, True)]
+        for scaled in scales:
+            failed, broken = [], []
+            for guess, widened in going:
+                most = shortest / scaled.unit
+                found = free_pieces.minimised(scaled, *guess, widened=widened, below=most)
+                if found is None:
+                    failed.append((guess, widened))
+                elif found.duration() < most:
+                    motion = _kept(known, scaled, optimum(scaled, found), found)
+                    if motion is None:
+                        broken.append((guess, widened))
+                        continue
+                    shortest, best = motion.duration, motion
+                    if bounds.is_near(known, best, _PROVED_RTOL):
+                        return self.answered(problem, best)
+            # the next share is for what breaks a limit; for all guesses where none led to a motion
+            if len(failed) == len(going):
+                broken = [(guess, widened) for guess, widened in failed if not widened]
+            going = broken
         if best is None:
             return Solution(Status.FAILED, message="the second method finds none")
         return self.answered(problem, best)
@@ -341,25 +355,11 @@ def unconverged(scaled: Reaching, local: Sequence[LocalOptimum]) -> Trajectory |
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _freely_from(
-    guess: FreeGuess,
-    known: Problem,
-    scales: Sequence[Any],
-    optimum: Callable[[Any, FreeOptimum], LocalOptimum],
-    below: float,
-) -> Trajectory | None:
-    """Return the shortest motion, below a duration in s, to which the second method comes."""
-    for scaled in scales:
-        # limits that are wider at first lead to some optima, and away from others
-        widened = (False, True) if scaled is scales[0] else (False,)
-        tried = (free_pieces.minimised(scaled, *guess, widened=own) for own in widened)
-        for found in sorted(filter(None, tried), key=FreeOptimum.duration):
-            if not scaled.unit * found.duration() < below:
-                return None
-            motions = motion_of(scaled, optimum(scaled, found)), free_pieces.motion(scaled, found)
-            for motion in motions:
-                if motion is not None and keeps(known, motion):
-                    return motion
+def _kept(known: Problem, scaled: Any, own: LocalOptimum, found: FreeOptimum) -> Trajectory | None:
+    """Return the motion of an optimum, the planner's or of its pieces, if it keeps all limits."""
+    for motion in (motion_of(scaled, own), free_pieces.motion(scaled, found)):
+        if motion is not None and keeps(known, motion):
+            return motion
     return None
 
 

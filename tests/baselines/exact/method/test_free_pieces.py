@@ -84,6 +84,36 @@ class SecondDiverges(Program):
         return replace(run, x=x, success=False)
 
 
+class Counted(Program):
+    """A program that counts its runs; those from `idle` on do not converge."""
+
+    runs, idle = 0, 99
+
+    def __call__(self, *data: Any) -> Run:
+        self.runs += 1
+        run = super().__call__(*data)
+        return replace(run, success=run.success and self.runs < self.idle)
+
+
+@pytest.mark.parametrize(
+    ("below", "idle", "runs"),
+    [
+        (np.inf, 99, 5),  # in four widths, the first one twice
+        (3.9, 99, 1),  # a motion of 4 s is no use
+        (np.inf, 2, 2),  # nor are tighter limits where the widest lead nowhere
+    ],
+)
+def test_it_ends_where_more_runs_bring_nothing(
+    below: float, idle: int, runs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scaled = Passing(Problem(WAYPOINTS, Limits([10], [0.5])))
+    program = Counted(free_pieces._solver(2, 1, free_pieces.PIECES[0])._solver)
+    program.idle = idle
+    monkeypatch.setattr(free_pieces, "_solver", lambda *_: program)
+    minimised(scaled, scaled.stop, widened=True, below=below / scaled.unit)
+    assert program.runs == runs
+
+
 def test_a_converged_point_is_not_replaced_by_one_that_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
