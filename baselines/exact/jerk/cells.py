@@ -114,11 +114,6 @@ class JerkTables:
         self.kinds = kinds
         self.beyond = kinds > 1
         self.signs = sides(one, -one)
-        # signs of a cell's variables on each side, in the order of `jerk.profiles`
-        self.seen = np.ones((5, *self.signs.shape))
-        self.seen[1:4] = self.signs
-        self.seen[4] = -self.signs
-        self.seen_twice = self.seen[:, None] * self.seen
 
         rising = sides(a2, a1)
         falling = sides(a1, a2)
@@ -160,6 +155,14 @@ class JerkTables:
             self.box = np.where(self.free, box, 1.0)
             self.free_before = np.roll(self.free, 1, axis=0)
             self.free_before[0] &= scaled.closed
+
+    @cached_property
+    def seen(self) -> tuple[Array, Array]:
+        """Signs of a cell's variables on each side, in the order of `jerk.profiles`; of pairs."""
+        seen = np.ones((5, *self.signs.shape))
+        seen[1:4] = self.signs
+        seen[4] = -self.signs
+        return seen, seen[:, None] * seen
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> JerkUnknowns:
         """Return the point with these segment times, `(starts, segments)`, and waypoint states.
@@ -311,12 +314,13 @@ class JerkInequalities:
         The first ones of all, the second ones of the displacements.
         """
         reach, second = self.profiles.slopes()
-        second *= self.cells.seen_twice
+        seen, seen_twice = self.cells.seen
+        second *= seen_twice
         signs = self.cells.signs[:2]
         own = self.t * signs
         starts, ends = self.point.ends
         first = np.zeros((5 + 2 * self.cells.tolerant, len(self.values), *self.mean.shape))
-        np.multiply(reach, self.cells.seen, out=first[:5, :REACH])
+        np.multiply(reach, seen, out=first[:5, :REACH])
         first[ACCELERATIONS[1], SLOWER] = -signs
         # dv = T dx − (h/T − T x) ds
         first[TIME, FASTER] = own * (self.steep - ends)
