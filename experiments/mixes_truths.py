@@ -26,7 +26,7 @@ from experiments.common.output import progress, save_table
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import mixes
 from trajopt.core import dwell
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import Problem
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import backend
@@ -39,6 +39,10 @@ _LONGEST = 1e3  # times the unit of time
 _SPREAD = (-0.7, 0.7)  # of the logarithm of a guess's times, from half of those of stopping
 _SLOWER = (1.0, 2.0)  # than without jerk limits
 _UNEVEN = (0.5, 1.5)  # lengths of a guess's pieces, relative
+# Of a guess in which a segment takes no time: what each other segment takes besides its cruise, the
+# logarithms of a factor of all times and of a factor of each, and its pieces.
+_PAUSE_S = 0.15
+_SLOW, _NEARLY, _NEARLY_EVEN = (0.5, 1.5), (-0.2, 0.2), (0.8, 1.2)
 _OPTIONS: Options = {
     "tol": 1e-10,
     "constr_viol_tol": 1e-12,
@@ -53,41 +57,78 @@ class Motions(NamedTuple):
     """All motions of a problem without waits, as a program in units of its own.
 
     Attributes:
+        problem: The problem.
         solver: IPOPT on the program.
         low, high: Bounds of the variables: the segments' times come first, then the pieces'
             lengths.
         constraints: Lowest and highest values of the constraints.
         stopping: Times of the segments with stops at both ends.
+        at_once: Segments that may take no time, as the boxes of their ends overlap.
         shape: Pieces, segments, joints.
         unit: Of time, s.
+        way: Unit of each joint's position.
     """
 
+    problem: Problem
     solver: Program
     low: Array
     high: Array
     constraints: tuple[Array, Array]
     stopping: Array
+    at_once: Indices
     shape: tuple[int, int, int]
     unit: float
+    way: Array
 
-    def least(self, rng: np.random.Generator, times: Array | None = None) -> Array | None:
+    def least(
+        self, rng: np.random.Generator, times: Array | None = None, no_time: int | None = None
+    ) -> Array | None:
         """Return the segments' times of the optimum near a guess, s; None where it fails.
 
         Args:
             rng: Draws the guess.
             times: Of the segments, s; None: random ones.
+            no_time: A segment that takes none; then the guess is slow, with places and velocities.
         """
-        pieces, segments, _ = self.shape
-        if times is None:
+        pieces, segments, joints = self.shape
+        size = pieces * segments * joints
+        low, high = self.low.copy(), self.high.copy()
+        uneven, moving = _UNEVEN, np.zeros(0)
+        if no_time is not None:
+            high[[no_time, *range(segments + no_time, segments + size, segments)]] = 0.0
+            times, moving = self.slow(rng)
+            uneven = _NEARLY_EVEN
+        elif times is None:
             times = 0.5 * self.stopping * np.exp(rng.uniform(*_SPREAD, segments))
         else:
             times = times * rng.uniform(*_SLOWER) / self.unit
         times = np.clip(times, self.low[:segments], self.high[:segments])
-        lengths = times[:, None] / pieces * rng.uniform(*_UNEVEN, self.shape)
-        start = np.clip(0.0, self.low, self.high)
-        start[: segments + lengths.size] = flat(times, *lengths)
-        run = self.solver(start, np.zeros(0), (self.low, self.high), self.constraints)
+        lengths = times[:, None] / pieces * rng.uniform(*uneven, self.shape)
+        start = np.clip(0.0, low, high)
+        start[: segments + size] = flat(times, *lengths)
+        after = segments + 2 * size  # lengths, and what is constant in the pieces
+        start[after : after + len(moving)] = moving
+        start = np.clip(start, low, high)
+        run = self.solver(start, np.zeros(0), (low, high), self.constraints)
         return self.unit * run.x[:segments] if run.success else None
+
+    def slow(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Return random slow times, and places in the boxes with velocities, without units."""
+        route, tolerance = self.problem.route, self.problem.route.demand("tolerance")
+        box = route.waypoints - tolerance, route.waypoints + tolerance
+        places = route.waypoints + tolerance * rng.uniform(-1, 1, route.waypoints.shape)
+        for _ in range(rng.integers(0, 6)):  # towards the chord of the neighbours
+            middle = (places[:-2] + places[2:]) / 2
+            places[1:-1] = np.clip(middle, box[0][1:-1], box[1][1:-1])
+        steps = np.diff(places, axis=0)
+        fastest = np.broadcast_to(self.problem.limits.velocity, (*steps.shape, 2))
+        times = (np.abs(steps) / np.abs(fastest).min(axis=2)).max(axis=1) + _PAUSE_S
+        times *= np.exp(rng.uniform(*_SLOW))
+        times *= np.exp(rng.uniform(*_NEARLY, len(times)))
+        mean = steps / times[:, None]
+        inner = 0.5 * (mean[:-1] + mean[1:]) / 2 * rng.uniform(0, 1)
+        velocity = np.vstack([route.start.velocity, inner, route.end.velocity])
+        return times / self.unit, flat(places / self.way, velocity * self.unit / self.way)
 
 
 def motions(problem: Problem) -> Motions:
@@ -172,7 +213,11 @@ def motions(problem: Problem) -> Motions:
     low, high = (flat(*(pair[side] for pair in bounds)) for side in (0, 1))
     shape = (pieces, segments, joints)
     stopping = stop_times(problem.without(*problem.demands)) / unit
-    return Motions(solver, flat(*lows), flat(*highs), (low, high), stopping, shape, unit)
+    box = [route.waypoints + sign * tolerance for sign in (-1, 1)]
+    overlap = np.maximum(box[0][:-1], box[0][1:]) <= np.minimum(box[1][:-1], box[1][1:])
+    at_once = np.flatnonzero(overlap.all(axis=1) & (least[:, 0] == 0))
+    ends = flat(*lows), flat(*highs), (low, high)
+    return Motions(problem, solver, *ends, stopping, at_once, shape, unit, way)
 
 
 def _units(problem: Problem, limits: Sequence[Array]) -> tuple[float, Array]:
@@ -200,7 +245,11 @@ def optima(
         times: Of every other guess, to be slowed; None: of none.
     """
     own = motions(problem)
-    tried = (own.least(rng, times if k % 2 else None) for k in range(guesses))
+    # in turn all segments take time, or one of those that may take none does
+    none = [None, *own.at_once.tolist()]
+    tried = (
+        own.least(rng, times if k % 2 else None, none[k // 2 % len(none)]) for k in range(guesses)
+    )
     return sorted((found for found in tried if found is not None), key=np.sum)
 
 

@@ -39,6 +39,17 @@ def test_closed_forms(problem: Problem, expected: float) -> None:
     assert agree >= 1
 
 
+def test_a_segment_of_no_time() -> None:
+    """It turns 0.7 rad away, where both boxes are, with full acceleration: 4 √(h/A)."""
+    turn = Problem([[0.0], [1.0], [0.95], [0.0]], Limits([10], [1.0]), tolerance=[0.3])
+    own = mixes_truths.motions(turn)
+    assert own.at_once.tolist() == [1]
+    times = own.least(np.random.default_rng(0), no_time=1)
+    assert times is not None
+    assert times[1] == 0
+    assert times.sum() == pytest.approx(4 * np.sqrt(0.7), rel=1e-7)
+
+
 def test_a_closed_motion_does_not_stop_where_it_closes() -> None:
     """Back and forth for ever: it turns at both ends, 2 √(2 h/A) for each way."""
     problem = Problem(BACK, Limits([10], [1.0]), closed=True)
