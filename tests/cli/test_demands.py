@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
 from baselines.exact.acceleration import Exact
 from trajopt import Limits, Problem, judge
-from trajopt.cli import main
 
 TEXT = """
 waypoints = [[0.0, 0.0], [1.0, 0.5], [2.0, 0.0], [1.1, -0.73], [0.0, 0.0]]
@@ -31,16 +29,9 @@ acceleration = [4, 3]
         "given_times = [1.2, 1.2, 1.2, 1.2]",
     ],
 )
-def test_a_motion_is_planned_written_read_and_judged(demand, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-
-    def run(line):
-        with pytest.raises(SystemExit) as ended:
-            main(line.split())
-        return ended.value.code, *capsys.readouterr()
-
-    Path("asked.toml").write_text(TEXT.format(demand=demand), encoding="utf-8")
-    code, out, _ = run("plan asked.toml --out motion.csv")
+def test_a_motion_is_planned_written_read_and_judged(run, demand):
+    text = TEXT.format(demand=demand)
+    code, out, _ = run("plan asked.toml --out motion.csv", asked__toml=text)
     assert code == 0
     assert "it keeps every limit" in " ".join(out.split())
     code, out, _ = run("judge motion.csv asked.toml --json")

@@ -9,24 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trajopt import cli
-
 LIMITS = "joint_limits: {{q1: {{{own}}}, q2: {{{own}}}}}"
 OWN = "max_velocity: {v}, max_acceleration: {a}"
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    """Run a command in an empty folder; return its exit code, output and errors, unfolded."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(line):
-        with pytest.raises(SystemExit) as ended:
-            cli.main(line.split())
-        out, err = capsys.readouterr()
-        return ended.value.code, out, " ".join(err.split())
-
-    return command
 
 
 def quintic(rate, cut=0.0):
