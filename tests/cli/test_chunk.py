@@ -73,6 +73,17 @@ def test_a_chunk_takes_over_from_a_motion(run):
         assert after(0.0, order) == pytest.approx(before(0.1, order), abs=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [("--start-velocity 1", "2 numbers"), ("--on-to-next --end-velocity 0,0", "not both")],
+)
+def test_states_that_do_not_fit(run, flags, said):
+    text = HEADER + table(SMOOTH)
+    code, out, err = run(f"chunk c.csv --limits l.yaml {flags}", c__csv=text, l__yaml=LIMITS)
+    assert code == 2
+    assert said in " ".join((out + err).split())
+
+
 def test_verify_shows_a_line_for_each_episode(run, tmp_path):
     import h5py
 
