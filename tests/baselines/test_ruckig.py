@@ -75,6 +75,14 @@ def test_stopping_takes_the_closed_form(seed, jerk):
     assert duration(problem, RuckigStop()) == pytest.approx(stopping, rel=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("jerk", [False, True])
+def test_through_the_waypoints_is_never_slower_than_stopping(seed, jerk):
+    """Beside rests, tiny segments and limits 100:1 apart, which the relations' problems lack."""
+    problem = random_problem(100 + seed, jerk=jerk)
+    assert duration(problem, SHORT) <= duration(problem, RuckigStop()) * (1 + 1e-12)
+
+
 def test_one_joint_one_way_finds_the_trapezoid():
     problem = Problem.from_toml(FILES[0].parent / "one-joint.toml")
     # 1.5 rad at most 1 rad/s and 2 rad/s²: two ramps of 0.5 s and 0.25 rad, and 1 s between.
