@@ -252,7 +252,8 @@ def test_with_jerk_limits_a_tolerance_counts_beside_moving_ends():
         start_velocity=[0.3],
     )
     motion = ExactJerk().solve(brief).trajectory
-    assert np.diff(motion.waypoint_times)[1] == 0
+    # (to 1e-5 s: at one instant it takes as long, to 1e-10 of it)
+    assert np.diff(motion.waypoint_times)[1] < 1e-5
     assert motion(motion.waypoint_times[1], 1)[0] == pytest.approx(0.5, rel=1e-6)
     assert verify(brief, motion).certified_duration == pytest.approx(motion.duration, rel=1e-9)
 
