@@ -158,10 +158,9 @@ class Prove(Planner):
             # the check derives least times of limits that it knows from the limits themselves
             stated = replace(problem, demands=shown.demands)
             return None if of_all is None else dual_check.proved_bound(stated, of_all)
-        of_splines = ratio_boxes.RatioProof.stored(stats)
-        if of_splines is None:
-            return None
-        return ratio_boxes.proved_bound(SIMPLEST.apply(shown), of_splines)
+        simplest = SIMPLEST.apply(shown)
+        of_splines = ratio_boxes.RatioProof.stored(stats, simplest)
+        return None if of_splines is None else ratio_boxes.proved_bound(simplest, of_splines)
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"

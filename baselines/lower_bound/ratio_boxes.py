@@ -19,6 +19,7 @@ import numpy as np
 from baselines.spline353_nlp import MovingSpline, Spline353NLP
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging import proved_bounds
 from trajopt.judging.check_spline353 import FIRST_JERK, JERK, LAST_JERK, POSITION, ROWS
@@ -73,12 +74,33 @@ class RatioProof:
         return {_PREFIX + name: value for name, value in vars(self).items()}
 
     @classmethod
-    def stored(cls, stats: Mapping[str, Any]) -> RatioProof | None:
-        """Return the proof among a trial's statistics, if there is one."""
+    def stored(cls, stats: Mapping[str, Any], problem: Problem) -> RatioProof | None:
+        """Return the proof among a trial's statistics, if there is one.
+
+        An older proof states instants and leaves in place of rows, which are found anew.
+
+        Raises:
+            InvalidInput: A proof without rows is damaged, or belongs to another problem.
+        """
+
+        def table(name: str) -> Array:
+            return np.asarray(stats[_PREFIX + name], dtype=float)
+
         names = cls.__dataclass_fields__
-        if not all(_PREFIX + name in stats for name in names):
+        if all(_PREFIX + name in stats for name in names):
+            return cls(**{name: table(name) for name in names})
+        if not all(_PREFIX + name in stats for name in ("cutoff", "instants", "leaves")):
             return None
-        return cls(**{name: np.asarray(stats[_PREFIX + name], dtype=float) for name in names})
+        cutoff, instants, leaves = map(table, ("cutoff", "instants", "leaves"))
+        usable = np.isin(leaves, np.arange(256)).all() and len(instants) <= 2 * _MAX_INSTANTS
+        usable &= bool(((instants >= 0) & (instants <= 1)).all())
+        if not usable or cutoff.shape != (1,) or not 0 < cutoff[0] < np.inf:
+            raise InvalidInput("proof", "a cut-off, instants from 0 to 1, and leaves")
+        with np.errstate(all="ignore"):
+            found = Ratios(MovingSpline.of(problem), float(cutoff[0])).restated(instants, leaves)
+        if found is None:
+            raise InvalidInput("proof", "boxes that cover all ratios, each of them proved")
+        return found
 
 
 class ProvedSpline(NamedTuple):
@@ -204,6 +226,27 @@ class Ratios:
                 return SearchResult(None, shorter)
             boxes = rest.halved()
         return SearchResult(self._proof(steps), None)
+
+    def restated(self, instants: Array, leaves: Array) -> RatioProof | None:
+        """Return a proof with the rows that exclude its boxes; None where a box has no such row.
+
+        Args:
+            instants: Normalised instants of the quintic at which the limits count, `(instants,)`.
+            leaves: Round by round, a bit per box: excluded (1) or halved (0). Eight bits are
+                packed into a number, `(bytes,)`.
+        """
+        flags = np.unpackbits(leaves.astype(np.uint8)).astype(bool)
+        rows = self._rows(instants)
+        boxes = self.root.only(np.array([not self.is_empty]))
+        steps = []
+        while len(boxes.low):
+            leaf, flags = np.split(flags, [len(boxes.low)])
+            row = self._excluding(rows, boxes)
+            if len(leaf) < len(boxes.low) or (row[leaf] < 0).any():
+                return None
+            steps.append((np.where(leaf, ROWS, boxes.longer), rows.origins[row]))
+            boxes = boxes.only(~leaf).halved()
+        return self._proof(steps)
 
     def _proof(self, found: list[tuple[Indices, Array]]) -> RatioProof:
         """Return the proof of the steps of all rounds, and of the row that each leaf has."""

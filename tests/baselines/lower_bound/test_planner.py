@@ -111,6 +111,43 @@ def test_a_forged_proof_of_splines_is_refused(proved, name, change):
         planner.stored_bound(load("reversal"), forged)
 
 
+def without_rows(stats):
+    """The proof as it was stored before it stated rows: instants, and a bit for each box."""
+    old = {name: own for name, own in stats.items() if not name.endswith(("_rows", "_steps"))}
+    leaves = np.packbits(stats["ratio_proof_steps"] >= 2).astype(float)
+    instants = np.unique(stats["ratio_proof_rows"][:, 3])
+    return old | {"ratio_proof_instants": instants, "ratio_proof_leaves": leaves}
+
+
+def test_a_stored_proof_without_rows_proves_the_same(proved):
+    planner, stats = proved
+    bound = planner.stored_bound(load("reversal"), without_rows(stats))
+    assert bound == stats["ratio_proof_cutoff"][0]
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("cutoff", lambda cutoff: cutoff * 1.01),
+        ("cutoff", lambda cutoff: cutoff * np.nan),
+        ("instants", lambda instants: instants[:1]),
+        ("instants", lambda instants: instants + 0.5),
+        ("instants", lambda instants: instants * np.nan),
+        ("leaves", lambda leaves: leaves[:-1]),
+        ("leaves", lambda leaves: np.full_like(leaves, 255.0)),
+        ("leaves", lambda leaves: np.zeros_like(leaves)),
+        ("leaves", lambda leaves: leaves + 0.5),
+        ("leaves", lambda leaves: leaves * np.nan),
+    ],
+)
+def test_a_forged_proof_without_rows_is_refused(proved, name, change):
+    planner, stats = proved
+    forged = without_rows(stats)
+    forged[f"ratio_proof_{name}"] = change(forged[f"ratio_proof_{name}"])
+    with pytest.raises(InvalidInput, match="proof"):
+        planner.stored_bound(load("reversal"), forged)
+
+
 def test_a_proof_of_splines_proves_nothing_of_a_faster_problem(proved):
     planner, stats = proved
     problem = load("reversal")
