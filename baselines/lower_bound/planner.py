@@ -28,7 +28,7 @@ AGREEMENT_RTOL = 1e-6  # durations of starts that differ by less, relative, coun
 
 @dataclass(frozen=True)
 class Prove(Planner):
-    """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
+    """A proved lower bound on the minimum time, and the fastest motion known (HiGHS).
 
     It uses velocity, acceleration, jerk, position and falling velocity limits. Other kinds are left
     out, which keeps the bound valid; the message says so. Least times of segments that follow from

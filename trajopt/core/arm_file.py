@@ -154,7 +154,7 @@ def _arm(table: Mapping[str, Any]) -> Arm:
 
 
 def _values(key: str, entry: Any) -> Any:
-    """What a kind's table says of its numbers, in the table's unit."""
+    """Return the numbers of a kind of limit, in the unit that its table states."""
     if not isinstance(entry, Mapping):
         raise InvalidInput(key, "a table", value=entry)
     required = ("values", "angle_unit", "status", "source")

@@ -35,7 +35,7 @@ def states(motion: Trajectory, limits: Limits) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Standing:
-    """How long all joints stand at the ends of a motion.
+    """How long a motion stands still at its start and at its end.
 
     Attributes:
         start, end: s. They may creep within the half widths of their positions.

@@ -86,7 +86,7 @@ _FULL_RTOL = 1e-7
 # Which initial guesses are tried, in this order, for an answer near an optimum: the nominal points
 # in half and in all the time of stopping, the chord in all and in half of it, the chord slower.
 _NEAR_GUESSES = (4, 3, 0, 1, 2)
-_NEAR_STEPS = 45  # of the interior point, most; three of four guesses need fewer than 30
+_NEAR_STEPS = 45  # steps of the interior point at most; three of four guesses need fewer than 30
 _NEAR_FACTOR = 10.0  # largest dilation of such an answer, times `within`; less: more are refused
 _LEAST_SHARE = 0.03  # of its time of stopping, that a segment takes at least: costs up to 5e-5
 

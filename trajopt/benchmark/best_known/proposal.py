@@ -63,7 +63,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RecordUpdate:
-    """The change of a problem's record by its candidates, the proposed motions and proofs.
+    """What proposed motions and proofs change in the record of their problem.
 
     Attributes:
         problem: The candidates' problem.

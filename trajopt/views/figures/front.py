@@ -16,7 +16,7 @@ from trajopt.views.figures.style import BLACK, GREY, plain, power_of_ten, text
 _WIDTH_IN = 3.5
 _PANEL_IN = 2.5
 _LEGEND_LINE_IN = 0.15
-_NEARER = 0.65  # where on an arrow its text stands: nearer to the motion, off the curve
+_NEARER = 0.65  # share of an arrow at which its text stands, beyond the middle: off the curve
 _TICKS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)  # durations that get a label, s, times powers of ten
 
 
