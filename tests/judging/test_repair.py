@@ -99,7 +99,7 @@ def test_an_excess_beside_a_limit_gains_less_than_rounding(side):
         waypoints, limits = -waypoints, Limits([9.0], [9.0], position=[[-5.0, 0.0]])
     problem = Problem(waypoints, limits)
     layout = SimpleNamespace(waypoints=problem.waypoints)
-    allowed = repair._allowed_excess(problem, layout, np.zeros((2, 1)))
+    allowed = repair._allowed_excess(repair._Asked.of(problem), layout, np.zeros((2, 1)))
     assert allowed.item() == pytest.approx(1e-16, rel=1e-6, abs=0)
 
 
@@ -133,14 +133,14 @@ def test_a_correction_below_its_bound_is_negligible(order):
         waypoints = rng.normal(size=(3, 2))
         motion = Trajectory(breaks, rng.normal(size=(4, 6, 2)), breaks[[0, 2, 6]])
         problem = Problem(waypoints, limits)
-        layout = repair._layout(problem, motion, np.ones(3, dtype=bool))
-        joints = np.ones(2, dtype=bool)
+        asked = repair._Asked.of(problem)
+        layout = repair._layout(asked, motion, np.ones(3, dtype=bool))
         size = 10.0 ** rng.uniform(-16, -12)
         missed = 1e-3 * size * rng.normal(size=(2, 2))
         jumps = [size * rng.normal(size=(7, 2)) for _ in range(order)]
-        added = repair._added(layout, joints, missed, jumps)
-        computed = repair._is_negligible(added, layout, problem, slice(0, 2))
-        bound = repair._surely_negligible(problem, layout, joints, missed, jumps)
+        ((pieces, added),) = repair._cancelling(layout, missed, jumps)
+        computed = repair._is_negligible(asked, layout, added, pieces)
+        bound = repair._surely_negligible(asked, layout, missed, jumps)
         assert computed or not bound
         counts[0] += bound
         counts[1] += computed

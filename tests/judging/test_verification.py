@@ -744,7 +744,8 @@ def test_cancelling_terms_hide_no_jump() -> None:
     motion = Trajectory(breaks, columns, breaks[[0, -1]])
     assert polynomials.evaluation_rounding(motion.pieces(1)).min() > step
     problem = Problem([[0.0], [1.0]], Limits([9.0], [9.0]))
-    layout = repair._layout(problem, motion, np.array([True, True]))
+    asked = repair._Asked.of(problem)
+    layout = repair._layout(asked, motion, np.array([True, True]))
     assert layout is not None
-    jumps = repair._jumps(problem, layout, 1, slice(0, 1))
+    jumps = repair._jumps(asked, layout, 1, np.array([0]))
     np.testing.assert_allclose(jumps[1:-1], step, rtol=0.5)

@@ -8,7 +8,7 @@ Terminal, pages, figures and files take a verdict's words from here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import floor
 from typing import Any
@@ -87,7 +87,8 @@ class Certificate:
         motion: the longer motion that has the certified duration, where a dilation would change
             the states at the ends; None elsewhere, and in a stored certificate.
         judged: the motion that was judged, repaired where it missed within tolerance; None in a
-            stored certificate.
+            stored certificate, and where the motion is so long that it was judged joint by joint.
+        repair: makes the motion that was judged where it is that long.
     """
 
     duration: float
@@ -101,6 +102,7 @@ class Certificate:
     rounded: float | None = field(default=None, compare=False)
     motion: Trajectory | None = field(default=None, compare=False)
     judged: Trajectory | None = field(default=None, compare=False)
+    repair: Callable[[], Trajectory | None] | None = field(default=None, compare=False)
 
     @property
     def velocity(self) -> Use:
@@ -156,12 +158,16 @@ class Certificate:
 
     @property
     def certified_motion(self) -> Trajectory | None:
-        """The motion of the certified duration; None with a flaw, and in a stored certificate."""
-        if not self.valid or self.judged is None:
+        """The motion of the certified duration; None with a flaw, and in a stored certificate.
+
+        A long motion, of more than 200,000 pieces times joints, is repaired anew at each call.
+        """
+        if not self.valid:
             return None
-        if self.motion is not None or self.dilation <= 1:
-            return self.judged
-        return self.judged.dilated(self.dilation)
+        judged = self.repair() if self.repair else self.judged
+        if judged is None or self.motion is not None or self.dilation <= 1:
+            return judged
+        return judged.dilated(self.dilation)
 
     @property
     def verdict(self) -> str:

@@ -31,19 +31,22 @@ are then at its ends, where the long segments take them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
+from operator import or_
+from typing import TypeVar
 
 import numpy as np
 
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools, Indices
-from trajopt.core.limits import LIMIT_ORDERS
 from trajopt.core.problem import Problem
 from trajopt.core.resolution import spared
 from trajopt.core.trajectory import Trajectory, nearest
 from trajopt.judging.passing import misses
+
+T = TypeVar("T")
 
 # A correction that uses a smaller share of every limit is left out. All corrections that are left
 # out change the certified duration by no more than this share.
@@ -53,8 +56,8 @@ UNEVEN = 1e4  # most times that a segment takes another's time, for that bound
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 # Attempts to miss some waypoints by no more than rounding; then the motion is to meet all of them.
 MAX_ATTEMPTS = 8
-_MOST_CELLS = 200_000  # pieces times joints; a longer motion is corrected joint by joint,
-_BLOCK = 20_000  # so many pieces at once
+_MOST_CELLS = 200_000  # pieces times joints; a longer motion is repaired joint by joint,
+_BLOCK = 20_000  # and corrected so many pieces at once
 # A segment is brief if it takes less than this share of the time of both its neighbours.
 BRIEF_RTOL = 1e-3
 
@@ -82,13 +85,46 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     return replace(found, waypoint_times=found.waypoint_times[index])
 
 
+def _is_long(trajectory: Trajectory) -> bool:
+    """Return whether a motion is repaired joint by joint."""
+    return len(trajectory.lengths) * trajectory.joints > _MOST_CELLS
+
+
+def is_by_joint(problem: Problem, trajectory: Trajectory) -> bool:
+    """Return whether `by_joint` repairs a motion: it is long, and meets every waypoint."""
+    return _is_long(trajectory) and not spared(problem.merged()[0]).any()
+
+
+def by_joint(
+    problem: Problem, trajectory: Trajectory, judge: Callable[[int, Trajectory], T]
+) -> list[T] | None:
+    """Return a judgement of each joint of what `repaired` returns: one joint is held at a time.
+
+    Args:
+        problem: of as many joints and waypoints as the trajectory has.
+        trajectory: one for which `is_by_joint` is true.
+        judge: takes the joint's number and its motion; what it returned last counts.
+
+    Returns:
+        The judgements; None where repair is impossible.
+    """
+    merged, index, motion = _merged(problem, trajectory)
+
+    def judged(joint: int, own: Trajectory) -> T:
+        return judge(joint, own.with_coefficients(own.coefficients, own.waypoint_times[index]))
+
+    met = np.full(len(merged.waypoints), True)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _each_joint(_Asked.of(merged), motion, met, judged)
+
+
 def is_repairable(problem: Problem, trajectory: Trajectory) -> bool:
     """Return whether no two different waypoints are at one instant.
 
     A motion without position limits can then be repaired, unless its numbers overflow.
     """
     merged, _, motion = _merged(problem, trajectory)
-    return _layout(merged, motion, ~spared(merged)) is not None
+    return _between(merged.waypoints, motion, ~spared(merged)) is not None
 
 
 def _merged(problem: Problem, trajectory: Trajectory) -> tuple[Problem, Indices, Trajectory]:
@@ -105,99 +141,232 @@ def _merged(problem: Problem, trajectory: Trajectory) -> tuple[Problem, Indices,
 
 def _without_spared(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """Return the repaired motion; it may miss some waypoints by no more than their rounding."""
-    missed = spared(problem)
+    asked, missed = _Asked.of(problem), spared(problem)
     for _ in range(MAX_ATTEMPTS):
-        motion = _repaired(problem, trajectory, ~missed)
+        motion = _of_all_joints(asked, trajectory, ~missed)
         if motion is None or not missed.any():
             return motion
         passes = misses(problem, motion) <= 1
         if passes[missed].all():
             return motion
         missed &= passes
-    return _repaired(problem, trajectory, np.full_like(missed, True))
+    return _of_all_joints(asked, trajectory, np.full_like(missed, True))
 
 
-def _repaired(problem: Problem, trajectory: Trajectory, met: Bools) -> Trajectory | None:
+def _of_all_joints(asked: _Asked, trajectory: Trajectory, met: Bools) -> Trajectory | None:
     """Return the repaired motion that meets the chosen waypoints, `(waypoints,)`."""
+    if not _is_long(trajectory):
+        found = _repaired(asked, trajectory, met)
+        return None if found is None else found[0]
+    joints = trajectory.joints
+    whole = np.zeros((0, 0, joints))
+
+    def keep(joint: int, motion: Trajectory) -> Trajectory:
+        nonlocal whole
+        rows, pieces, _ = motion.coefficients.shape
+        if len(whole) < rows:
+            more = np.zeros((rows - len(whole), pieces, joints))
+            whole = np.concatenate([more, whole]) if len(whole) else more
+        whole[-rows:, :, joint] = motion.coefficients[..., 0]
+        return motion.with_coefficients(np.zeros((rows, pieces, 0)), motion.waypoint_times)
+
+    motions = _each_joint(asked, trajectory, met, keep)
+    return motions[0].with_coefficients(whole, motions[0].waypoint_times) if motions else None
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What all joints of a motion have in common.
+
+    Attributes:
+        rows: coefficients of a polynomial, at least.
+        corrected: the orders of the corrections that are made in each pass.
+    """
+
+    rows: int = 0
+    corrected: tuple[frozenset[int], ...] = (frozenset(),) * MAX_PASSES
+
+    def __or__(self, other: _Common) -> _Common:
+        passes = zip(self.corrected, other.corrected, strict=True)
+        corrected = tuple(ours | theirs for ours, theirs in passes)
+        return _Common(max(self.rows, other.rows), corrected)
+
+    def of_order(self, order: int) -> _Common:
+        """Return it for a joint whose corrections are of this order."""
+        return replace(self, corrected=tuple(own & {order} for own in self.corrected))
+
+
+def _each_joint(
+    asked: _Asked, trajectory: Trajectory, met: Bools, judge: Callable[[int, Trajectory], T]
+) -> list[T] | None:
+    """Return what `judge` says of each joint of the repaired motion; None where there is none.
+
+    Joints have nothing in common but what `_Common` holds. It is known after all of them; a joint
+    that needs less by itself is then repaired and judged again.
+    """
+    orders = np.where(asked.smooth >= 2, 2, 1).tolist()
+    found: dict[int, T] = {}
+    made: dict[int, _Common] = {}
+    common = _Common()
+    while True:
+        left = [
+            joint for joint, order in enumerate(orders) if made.get(joint) != common.of_order(order)
+        ]
+        if not left:
+            return [found[joint] for joint in range(trajectory.joints)]
+        for joint in left:
+            some = slice(joint, joint + 1)
+            given = trajectory.with_coefficients(
+                trajectory.coefficients[..., some], trajectory.waypoint_times
+            )
+            repair = _repaired(asked.only(some), given, met, common)
+            if repair is None:
+                return None
+            motion, made[joint] = repair
+            found[joint] = judge(joint, motion)
+        common = reduce(or_, made.values())
+
+
+def _repaired(
+    asked: _Asked, trajectory: Trajectory, met: Bools, common: _Common = _Common()
+) -> tuple[Trajectory, _Common] | None:
+    """Return the repaired motion of these joints, and what was done; no less than in `common`."""
     motion = trajectory
-    for _ in range(MAX_PASSES):
-        layout = _layout(problem, motion, met)
+    corrected = []
+    for least in common.corrected:
+        layout = _layout(asked, motion, met)
         if layout is None:
             return None
         rebased, missed = _rebased(layout, anew=motion is trajectory)
-        coefficients, changed = _corrected(problem, layout, rebased, missed)
+        coefficients, orders = _corrected(asked, layout, rebased, missed, least)
         del rebased
         if not all(np.isfinite(row).all() for row in coefficients):
             return None
-        motion = _placed(layout, coefficients)
-        if not changed:
+        # positions counted from the segment's first waypoint
+        coefficients[-1] += layout.of_pieces(layout.waypoints[:-1])
+        times = layout.trajectory.breaks[layout.waypoint_breaks]
+        motion = layout.trajectory.with_coefficients(coefficients, times)
+        corrected.append(orders)
+        if not orders:
             break
-    return motion
-
-
-def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
-    """Return the motion of coefficients whose positions count from the segment's first waypoint.
-
-    The array becomes that of the motion.
-    """
-    for some in _parts(layout):
-        coefficients[-1, :, some] += layout.of_pieces(layout.waypoints[:-1, some])
-    motion = layout.trajectory
-    times = motion.breaks[layout.waypoint_breaks]
-    return motion.with_coefficients(coefficients, times)
+    missing = common.rows - len(motion.coefficients)
+    if missing > 0:
+        zeros = np.zeros((missing, *motion.coefficients.shape[1:]))
+        coefficients = np.concatenate([zeros, motion.coefficients])
+        motion = motion.with_coefficients(coefficients, motion.waypoint_times)
+    corrected += [frozenset()] * (MAX_PASSES - len(corrected))
+    return motion, _Common(len(motion.coefficients), tuple(corrected))
 
 
 def _corrected(
-    problem: Problem, layout: _Layout, coefficients: Array, missed: Array
-) -> tuple[Array, bool]:
+    asked: _Asked,
+    layout: _Layout,
+    coefficients: Array,
+    missed: Array,
+    least: Collection[int],
+) -> tuple[Array, frozenset[int]]:
     """Return the coefficients of a motion without miss, jump, or excess over a position limit.
 
     Positions are relative to the segment's first waypoint. The array is changed, or replaced where
     it has too few rows.
 
     Args:
-        problem: Its limits and end states.
+        asked: Its limits and end states.
         layout: of the segments.
         coefficients: as `_rebased` returns them.
         missed: of the segments' ends, rad, `(segments, joints)`.
+        least: orders of corrections that are made even if they are negligible.
 
     Returns:
-        The coefficients, and whether a correction was needed.
+        The coefficients, and the orders of the corrections that were made.
     """
-    changed = False
-    at_limits = problem.has("position")
-    accelerations_too = problem.limits.smooth >= 2
-    by_order = {1: ~accelerations_too, 2: accelerations_too}
-    every = slice(0, problem.joints)
-    for order, joints in by_order.items():
-        if not joints.any():
+    made = set()
+    bends = asked.smooth >= 2
+    for order, joints in ((1, np.flatnonzero(~bends)), (2, np.flatnonzero(bends))):
+        if not len(joints):
             continue
-        parts = _parts(layout, joints)
-        if len(parts) == 1:
-            jumps = _jumps_up_to(order, problem, layout, every)
-            if not at_limits and _surely_negligible(problem, layout, joints, missed, jumps):
-                continue
-            added = _added(layout, joints, missed, jumps)
-            if at_limits or not _is_negligible(added, layout, problem, every):
+        own = asked.only(joints)
+        jumps = [_jumps(own, layout, rate, joints) for rate in range(1, order + 1)]
+        of_joints = missed[:, joints]
+        needed = asked.bounded or order in least
+        if not needed and _surely_negligible(own, layout, of_joints, jumps):
+            continue
+        added = np.zeros((2 * order + 2, *coefficients.shape[1:]))
+        for pieces, some in _cancelling(layout, of_joints, jumps):
+            needed = needed or not _is_negligible(own, layout, some, pieces)
+            added[:, pieces, joints] = some
+        if needed:
+            made.add(order)
+            if len(coefficients) < len(added):
                 coefficients = polynomials.plus(coefficients, added)
-                changed = True
-            continue
-        # Made twice, to be judged and to be added: kept, they would be as large as the motion.
-        if at_limits or not all(
-            _is_negligible(added, layout, problem, some, pieces)
-            for some, pieces, added in _added_in_parts(order, problem, layout, parts, missed)
-        ):
-            changed = True
-            rows = 2 * order + 2
-            if len(coefficients) < rows:
-                coefficients = polynomials.plus(coefficients, np.zeros((rows, 1, 1)))
-            for some, pieces, added in _added_in_parts(order, problem, layout, parts, missed):
-                coefficients[-rows:, pieces, some] += added
-    if at_limits:
-        before = coefficients
-        coefficients = _within_position_limits(problem, layout, coefficients)
-        changed |= coefficients is not before
-    return coefficients, changed
+            else:
+                coefficients[-len(added) :] += added
+    if asked.bounded:
+        coefficients = _within_position_limits(asked, layout, coefficients)
+    return coefficients, frozenset(made)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a problem asks of the repair, joint by joint: joints are the last axis.
+
+    Attributes:
+        waypoints: rad, `(waypoints, joints)`.
+        rounding: of a waypoint's coordinate, rad.
+        largest: displacement in a segment, rad.
+        starts, ends: velocity and acceleration at the start and the end, `(2, joints)`.
+        smooth: the highest derivative that may not jump.
+        jerk_limited: which joints' jerk is limited.
+        low, high: the position limits, rad.
+        acceleration: the smaller side of its limit, rad/s².
+        negligible: corrections of position … jerk, `(4, joints)`.
+        bounded: whether the position of any joint is limited, of the whole problem.
+        closed: whether the motion ends in the state in which it begins.
+        at_rest: whether it begins and ends at rest.
+    """
+
+    waypoints: Array
+    rounding: Array
+    largest: Array
+    starts: Array
+    ends: Array
+    smooth: Indices
+    jerk_limited: Bools
+    low: Array
+    high: Array
+    acceleration: Array
+    negligible: Array
+    bounded: bool
+    closed: bool
+    at_rest: bool
+
+    @classmethod
+    def of(cls, problem: Problem) -> _Asked:
+        route, limits = problem.route, problem.limits.in_all_segments()
+        rates = limits.velocity, limits.acceleration, limits.jerk
+        sizes = np.array([np.abs(pairs).min(axis=1) for pairs in rates])
+        low, high = limits.position.T
+        return cls(
+            waypoints=problem.waypoints,
+            rounding=problem.rounding,
+            largest=problem.largest_displacements,
+            starts=np.array(route.start),
+            ends=np.array(route.end),
+            smooth=problem.limits.smooth,
+            jerk_limited=problem.limits.jerk_limited,
+            low=low,
+            high=high,
+            acceleration=sizes[1],
+            negligible=np.concatenate([problem.rounding[None], NEGLIGIBLE_USE * sizes]),
+            bounded=problem.has("position"),
+            closed="closed" in route.demands,
+            at_rest=route.at_rest,
+        )
+
+    def only(self, joints: slice | Indices) -> _Asked:
+        """Return what is asked of some joints."""
+        found = {key: own[..., joints] for key, own in vars(self).items() if np.ndim(own)}
+        return replace(self, **found)
 
 
 @dataclass(frozen=True)
@@ -220,14 +389,10 @@ class _Layout:
     after: Indices
     waypoints: Array
 
-    def travel(self, some: slice = slice(None)) -> Array:
-        """Each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`.
-
-        Args:
-            some: Which joints.
-        """
+    def travel(self) -> Array:
+        """Each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`."""
         # the position at a piece's start is not its travel
-        motion = _of_joints(self.trajectory, some)
+        motion = self.trajectory
         units = (motion.pieces(0, block) for block in motion.blocks())
         return np.concatenate([unit[:-1].sum(axis=0) for unit in units])
 
@@ -279,17 +444,24 @@ class _Layout:
     def blocks(self) -> Iterator[slice]:
         """Yield the pieces in blocks, in order; of a short motion all at once."""
         count = len(self.segment)
-        is_long = count * self.trajectory.joints > _MOST_CELLS
-        size = _BLOCK if is_long else count
-        for first in range(0, count, size):
-            yield slice(first, min(first + size, count))
+        for first in range(0, count, _BLOCK):
+            yield slice(first, min(first + _BLOCK, count))
 
     def of_pieces(self, of_segments: Array, some: slice = slice(None)) -> Array:
         """Repeat values of the segments for each of their pieces, or for some pieces."""
         return of_segments[self.segment[some]]
 
 
-def _layout(problem: Problem, trajectory: Trajectory, met: Bools) -> _Layout | None:
+def _layout(asked: _Asked, trajectory: Trajectory, met: Bools) -> _Layout | None:
+    """Return the segments between the waypoints to meet; None if two of these share a break.
+
+    Brief segments are integrated anew.
+    """
+    layout = _between(asked.waypoints, trajectory, met)
+    return layout and _smoothed(layout, asked.jerk_limited)
+
+
+def _between(waypoints: Array, trajectory: Trajectory, met: Bools) -> _Layout | None:
     """Return the segments between the waypoints to meet; None if two of these share a break."""
     times = trajectory.waypoint_times
     refined = trajectory.refined(times)
@@ -304,15 +476,14 @@ def _layout(problem: Problem, trajectory: Trajectory, met: Bools) -> _Layout | N
     if not pieces.all():
         return None
     segments = np.arange(len(first))
-    layout = _Layout(
+    return _Layout(
         trajectory=refined,
         waypoint_breaks=at,
         segment=np.repeat(segments, pieces),
         first=first,
         after=after,
-        waypoints=problem.waypoints[met],
+        waypoints=waypoints[met],
     )
-    return _smoothed(layout, problem.limits.jerk_limited)
 
 
 def _smoothed(layout: _Layout, jerk_limited: Bools) -> _Layout:
@@ -364,21 +535,19 @@ def _rebased(layout: _Layout, *, anew: bool) -> tuple[Array, Array]:
     Returns:
         The coefficients, and the miss of each segment's last waypoint, rad, `(segments, joints)`.
     """
-    missed = np.empty_like(layout.displacements)
     coefficients = layout.trajectory.coefficients
     if anew:
         coefficients = np.array(coefficients)
     else:
         coefficients.setflags(write=True)
-    for some in _parts(layout):
-        travel = layout.travel(some)
-        missed[:, some] = _missed(layout, travel, some)
-        # A piece starts where the pieces before it in its segment end.
-        within = np.cumsum(travel, axis=0)
-        within -= travel
-        del travel
-        within -= layout.of_pieces(within[layout.first])
-        coefficients[-1, :, some] = within
+    travel = layout.travel()
+    missed = _missed(layout, travel)
+    # A piece starts where the pieces before it in its segment end.
+    within = np.cumsum(travel, axis=0)
+    within -= travel
+    del travel
+    within -= layout.of_pieces(within[layout.first])
+    coefficients[-1] = within
     return coefficients, missed
 
 
@@ -407,13 +576,13 @@ def _cancelling(
         yield some, _in_time(layout, growing, dying, order + 1, some)
 
 
-def _missed(layout: _Layout, travel: Array, some: slice = slice(None)) -> Array:
+def _missed(layout: _Layout, travel: Array) -> Array:
     """Return the miss of each segment's last waypoint, rad, `(segments, joints)`.
 
-    `travel` is that of the pieces, of some joints.
+    `travel` is that of the pieces.
     """
     reached = np.add.reduceat(travel, layout.first)
-    return layout.displacements[:, some] - reached
+    return layout.displacements - reached
 
 
 def _slopes(layout: _Layout, missed: Array) -> Array:
@@ -486,58 +655,9 @@ def _in_time(
     return forwards + backwards
 
 
-def _added(layout: _Layout, corrected: Bools, missed: Array, jumps: list[Array]) -> Array:
-    """Return the corrections of all joints, 0 of those that are not corrected."""
-    added = np.zeros((2 * len(jumps) + 2, len(layout.segment), len(corrected)))
-    of_joints = [jump[:, corrected] for jump in jumps]
-    for pieces, own in _cancelling(layout, missed[:, corrected], of_joints):
-        added[:, pieces, corrected] = own
-    return added
-
-
-def _added_in_parts(
-    order: int, problem: Problem, layout: _Layout, parts: Sequence[slice], missed: Array
-) -> Iterator[tuple[slice, slice, Array]]:
-    """Yield the corrections of a long motion: which joints, which pieces, and the polynomials."""
-    for some in parts:
-        jumps = _jumps_up_to(order, problem, layout, some)
-        for pieces, added in _cancelling(layout, missed[:, some], jumps):
-            yield some, pieces, added
-
-
-def _parts(layout: _Layout, chosen: Bools | None = None) -> list[slice]:
-    """Return all joints at once, or the chosen ones one by one in a long motion, for memory."""
-    joints = layout.trajectory.joints
-    if len(layout.segment) * joints <= _MOST_CELLS:
-        return [slice(0, joints)]
-    every = range(joints) if chosen is None else np.flatnonzero(chosen).tolist()
-    return [slice(joint, joint + 1) for joint in every]
-
-
-def _of_joints(motion: Trajectory, some: slice) -> Trajectory:
-    """Return the motion of some joints."""
-    if some.stop is None or some == slice(0, motion.joints):
-        return motion
-    return motion.with_coefficients(motion.coefficients[..., some], motion.waypoint_times)
-
-
-def _is_negligible(
-    added: Array,
-    layout: _Layout,
-    problem: Problem,
-    joints: slice,
-    pieces: slice = slice(None),
-) -> bool:
-    """Return whether a correction uses no limit, and moves by rounding at most.
-
-    It is that of some joints in some pieces.
-    """
-    limits = problem.limits.in_all_segments().by_name()
-    for name, order in LIMIT_ORDERS.items():
-        sizes = np.abs(limits[name][joints])
-        allowed = NEGLIGIBLE_USE * sizes.min(axis=1)
-        if name == "position":
-            allowed = problem.rounding[joints]
+def _is_negligible(asked: _Asked, layout: _Layout, added: Array, pieces: slice) -> bool:
+    """Return whether a correction uses no limit, and moves by rounding at most, in some pieces."""
+    for order, allowed in enumerate(asked.negligible):
         derivative = polynomials.derivative(added, order)
         unit = polynomials.stretched(derivative, layout.trajectory.lengths[pieces])
         # A polynomial stays within the range of its Bernstein coefficients.
@@ -547,24 +667,19 @@ def _is_negligible(
     return True
 
 
-def _surely_negligible(
-    problem: Problem, layout: _Layout, joints: Bools, missed: Array, jumps: list[Array]
-) -> bool:
+def _surely_negligible(asked: _Asked, layout: _Layout, missed: Array, jumps: list[Array]) -> bool:
     """Return whether a bound shows that a correction is negligible, without computing it."""
-    limits = problem.limits.in_all_segments().by_name()
-    sides = [np.abs(limits[name]).min(axis=1) for name in ("velocity", "acceleration", "jerk")]
-    allowed = [problem.rounding, *(NEGLIGIBLE_USE * own for own in sides)]
     bound = Corrections(
         first=layout.first,
         lengths=layout.lengths,
         longest=layout.lengths.max(),
         until_end=layout.times_of(slice(None))[1][:, None],
-        rate=np.abs(missed / layout.lengths).max(axis=0)[joints],
-        missed=missed[:, joints],
-        starting=[own[:-1, joints] for own in jumps],
-        ending=[own[layout.after][:, joints] for own in jumps],
+        rate=np.abs(missed / layout.lengths).max(axis=0),
+        missed=missed,
+        starting=[own[:-1] for own in jumps],
+        ending=[own[layout.after] for own in jumps],
     )
-    return bool(bound.negligible([own[joints] for own in allowed]).all())
+    return bool(bound.negligible([*asked.negligible]).all())
 
 
 @dataclass(frozen=True)
@@ -723,34 +838,28 @@ def _at_breaks(layout: _Layout, jumps: list[Array], some: slice) -> tuple[Array,
     return growing, dying
 
 
-def _jumps_up_to(order: int, problem: Problem, layout: _Layout, some: slice) -> list[Array]:
-    """Return the jumps of the derivatives from 1 to an order, of some joints."""
-    return [_jumps(problem, layout, own, some) for own in range(1, order + 1)]
-
-
-def _jumps(problem: Problem, layout: _Layout, order: int, some: slice) -> Array:
+def _jumps(asked: _Asked, layout: _Layout, order: int, joints: Indices) -> Array:
     """Return the jumps of a derivative of some joints at every break, `(breaks, joints)`.
 
     Before and after the motion the robot is in the states that are asked. Before a closed motion it
     is in the state of the motion's end. Jumps within brief segments are rounding of the integration
     and count as zero.
     """
-    motion = _of_joints(layout.trajectory, some)
-    route = problem.route
-    before = route.start[order - 1][some]
+    motion = layout.trajectory
+    before = asked.starts[order - 1]
     blocks = list(motion.blocks())
-    if "closed" in route.demands:  # the start takes the state of the end
-        before = motion.pieces(order, blocks[-1]).sum(axis=0)[-1]
-    jumps = np.empty((len(motion.breaks), motion.joints))
+    if asked.closed:  # the start takes the state of the end
+        before = motion.pieces(order, blocks[-1])[..., joints].sum(axis=0)[-1]
+    jumps = np.empty((len(motion.breaks), len(joints)))
     for pieces in blocks:
-        unit = motion.pieces(order, pieces)
+        unit = motion.pieces(order, pieces)[..., joints]
         own = jumps[pieces]
         own[...] = unit[-1]
         stops = unit.sum(axis=0)
         own[0] -= before
         own[1:] -= stops[:-1]
         before = stops[-1]
-    jumps[-1] = 0.0 if "closed" in route.demands else route.end[order - 1][some] - before
+    jumps[-1] = 0.0 if asked.closed else asked.ends[order - 1] - before
     jumps[layout.within_brief] = 0.0
     return jumps
 
@@ -796,7 +905,7 @@ _BUMP = 64 * np.array([1.0, -3.0, 3.0, -1.0])
 _BUMP_CURVATURE = 24.0
 
 
-def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
+def _within_position_limits(asked: _Asked, layout: _Layout, coefficients: Array) -> Array:
     """Return the coefficients of a motion within its position limits; NaN where there is none.
 
     First, at a waypoint on a limit the joint turns: its velocity becomes zero, and it does not
@@ -804,19 +913,19 @@ def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Arr
     each joint is mixed with a motion `r` that is inside and rests at every inner waypoint, to
     `(1 − λ) q + λ r`, with about the least `λ` that brings all of it inside.
     """
-    side = _sides(problem, layout)
-    share = np.zeros(problem.joints)
-    turning = np.where(_given(problem, layout), 0.0, side)
+    side = _sides(asked, layout)
+    share = np.zeros(side.shape[1])
+    turning = np.where(_given(asked, layout), 0.0, side)
     if turning.any():
         turn = _turned_at_limits(layout, coefficients, turning)
         coefficients = polynomials.plus(coefficients, turn)
     mixed = coefficients
-    excess = _allowed_excess(problem, layout, side)
+    excess = _allowed_excess(asked, layout, side)
     for _ in range(MAX_MIXTURES):
-        needed = _needed_share(problem, layout, mixed, side, excess)
+        needed = _needed_share(asked, layout, mixed, side, excess)
         if not needed.any():
             return mixed
-        resting = _resting(problem, layout, side)
+        resting = _resting(asked, layout, side)
         towards_rest = polynomials.plus(resting, -coefficients)
         left = 1 - share
         more = np.maximum(2 * share, share + left * needed)
@@ -827,41 +936,39 @@ def _within_position_limits(problem: Problem, layout: _Layout, coefficients: Arr
     return np.full_like(mixed, np.nan)
 
 
-def _sides(problem: Problem, layout: _Layout) -> Array:
+def _sides(asked: _Asked, layout: _Layout) -> Array:
     """Return 1 for a waypoint on the upper limit, −1 on the lower, else 0.
 
     `(segments + 1, joints)`.
     """
-    low, high = problem.limits.position.T
     waypoints = layout.waypoints
-    near = ON_LIMIT_RTOL * problem.largest_displacements
-    above = high - waypoints <= near
-    below = waypoints - low <= near
+    near = ON_LIMIT_RTOL * asked.largest
+    above = asked.high - waypoints <= near
+    below = waypoints - asked.low <= near
     return above.astype(float) - below
 
 
-def _given(problem: Problem, layout: _Layout) -> Bools:
+def _given(asked: _Asked, layout: _Layout) -> Bools:
     """Return where a joint is to move at an end of the motion, `(segments + 1, joints)`."""
     found = np.zeros(layout.waypoints.shape, dtype=bool)
-    for row, state in ((0, problem.route.start), (-1, problem.route.end)):
+    for row, state in ((0, asked.starts), (-1, asked.ends)):
         found[row] = np.any(state, axis=0)
     return found
 
 
-def _allowed_excess(problem: Problem, layout: _Layout, side: Array) -> Array:
+def _allowed_excess(asked: _Asked, layout: _Layout, side: Array) -> Array:
     """Return the excess over a position limit that counts as rounding, rad, `(segments, joints)`.
 
     It gains less than `EXCESS_RTOL` of the duration. Beside a waypoint at the distance `g` from a
     limit an excess `e` gains some `e / sqrt(2 g A)` s. Where the joint turns on the limit, the gain
     is proportional to `e`.
     """
-    low, high = problem.limits.position.T
     waypoints = layout.waypoints
-    gap = np.minimum(high - waypoints, waypoints - low)
-    gainless = EXCESS_RTOL * np.sqrt(gap * problem.largest_displacements)
+    gap = np.minimum(asked.high - waypoints, waypoints - asked.low)
+    gainless = EXCESS_RTOL * np.sqrt(gap * asked.largest)
     allowed = np.where(side != 0, np.inf, gainless)
     of_segment = np.minimum(allowed[:-1], allowed[1:])
-    return np.minimum(of_segment, problem.rounding)
+    return np.minimum(of_segment, asked.rounding)
 
 
 def _turned_at_limits(layout: _Layout, coefficients: Array, side: Array) -> Array:
@@ -889,19 +996,16 @@ def _inwards(acceleration: Array, side: Array) -> Array:
     return np.where(outwards, -acceleration, 0.0)
 
 
-def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
+def _resting(asked: _Asked, layout: _Layout, side: Array) -> Array:
     """Return a motion within the limits that rests at every waypoint, `(7, pieces, joints)`.
 
     It is monotone between waypoints. Where two neighbours are on one limit it moves inwards and
     back, as far as half the acceleration limit allows. An end state in motion adds a quintic, which
     may leave the limits.
     """
-    limits = problem.limits.in_all_segments()
-    low, high = limits.position.T
-    sizes = np.abs(limits.acceleration)
-    half = sizes.min(axis=1) / 2
+    half = asked.acceleration / 2
     farthest = half * layout.lengths**2 / _BUMP_CURVATURE
-    depth = np.minimum(farthest, (high - low) / 2)
+    depth = np.minimum(farthest, (asked.high - asked.low) / 2)
     start = side[:-1]
     stays = np.where(start == side[1:], start, 0.0)
     inwards = -stays * depth
@@ -909,59 +1013,42 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
     bumps = inwards[..., None] * _BUMP
     growing = layout.of_pieces(steps + bumps)
     dying = np.zeros_like(growing)
-    if not problem.route.at_rest:
-        ending, starting = _to_ends(problem, layout)
+    if not asked.at_rest:
+        ending, starting = _to_ends(asked, layout)
         growing[..., :-1] += layout.of_pieces(ending)
         dying[..., :-1] += layout.of_pieces(starting)
     return _in_time(layout, growing, dying, lowest_power=3)
 
 
-def _to_ends(problem: Problem, layout: _Layout) -> tuple[Array, Array]:
+def _to_ends(asked: _Asked, layout: _Layout) -> tuple[Array, Array]:
     """Return powers of `σ` and `1 − σ` that lead from rest to the end states that are asked."""
-    start, end = problem.route.start, problem.route.end
     slopes = np.zeros_like(layout.waypoints)
-    slopes[0], slopes[-1] = start.velocity, end.velocity
+    slopes[0], slopes[-1] = asked.starts[0], asked.ends[0]
     ending = np.zeros_like(layout.displacements)
     starting = np.zeros_like(layout.displacements)
-    starting[0], ending[-1] = start.acceleration, end.acceleration
+    starting[0], ending[-1] = asked.starts[1], asked.ends[1]
     return _bent(layout, slopes, ending, starting)
 
 
 def _needed_share(
-    problem: Problem, layout: _Layout, mixed: Array, side: Array, allowed_excess: Array
+    asked: _Asked, layout: _Layout, mixed: Array, side: Array, allowed_excess: Array
 ) -> Array:
     """Return the share `λ` of the resting motion that each joint still needs, `(joints,)`."""
-    needed = np.zeros(problem.joints)
-    for some in _parts(layout):
-        needed[some] = _needed_by(some, problem, layout, mixed[..., some], side, allowed_excess)
-    return np.clip(needed, 0.0, 1.0)
-
-
-def _needed_by(
-    some: slice,
-    problem: Problem,
-    layout: _Layout,
-    mixed: Array,
-    side: Array,
-    allowed_excess: Array,
-) -> Array:
-    """Return the share that some joints need, whose motion is `mixed`."""
     lengths = layout.trajectory.lengths
-    low, high = problem.limits.position[some].T
-    first = layout.waypoints[:-1, some]
+    first = layout.waypoints[:-1]
     blocks = list(layout.blocks())
     units = (polynomials.stretched(mixed[:, own], lengths[own]) for own in blocks)
     # The rounding of the whole segment counts: a piece starts where the pieces before it end.
     of_each = np.concatenate([polynomials.evaluation_rounding(unit) for unit in units])
     largest = np.maximum.reduceat(of_each, layout.first)
-    rounding = np.maximum(largest, allowed_excess[:, some])
+    rounding = np.maximum(largest, allowed_excess)
     may_leave = np.empty(mixed.shape[1:], dtype=bool)
     for own in blocks:
         controls = polynomials.bernstein(polynomials.stretched(mixed[:, own], lengths[own]))
         beyond = layout.of_pieces(rounding, own)
         origins = layout.of_pieces(first, own)
-        above = controls.max(axis=0) > high - origins + beyond
-        below = controls.min(axis=0) < low - origins - beyond
+        above = controls.max(axis=0) > asked.high - origins + beyond
+        below = controls.min(axis=0) < asked.low - origins - beyond
         may_leave[own] = above | below
     needed = np.zeros(mixed.shape[2])
     if not may_leave.any():
@@ -969,15 +1056,15 @@ def _needed_by(
     where = np.nonzero(may_leave)
     pieces, joints = where
     origins = layout.of_pieces(first)[where]
-    lowest, highest = low[joints] - origins, high[joints] - origins
+    lowest, highest = asked.low[joints] - origins, asked.high[joints] - origins
     allowed = layout.of_pieces(rounding)[where]
     unit = polynomials.stretched(mixed, lengths)
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
     values = polynomials.evaluate(candidates[:, None], points)
-    resting = _resting(problem, layout, side)
+    resting = _resting(asked, layout, side)
     unit_rest = polynomials.stretched(resting, lengths)
-    rest = unit_rest[:, pieces, some.start + joints]
+    rest = unit_rest[:, pieces, joints]
     at_rest = polynomials.evaluate(rest[:, None], points)
     inside = np.clip(values, lowest, highest)
     beyond = values - inside
@@ -986,4 +1073,4 @@ def _needed_by(
     ratio = beyond / (values - at_rest)
     share = np.where(outside, ratio, 0.0)
     np.maximum.at(needed, joints, share.max(axis=0))
-    return needed
+    return np.clip(needed, 0.0, 1.0)

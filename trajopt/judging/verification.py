@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from trajopt.core.rounding import KEPT_RTOL, of_states
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.certificate import NEARLY_FEASIBLE_RTOL, Certificate, Tolerance, Worst
 from trajopt.judging.passing import within_tolerance
-from trajopt.judging.repair import is_repairable, repaired
+from trajopt.judging.repair import by_joint, is_by_joint, is_repairable, repaired
 
 _JUDGED = (
     *(*END_STATES, "least_times", "given_times", "least_duration", "duration"),
@@ -67,7 +68,11 @@ def verify(
         )
     slower = at_rest and certificate.valid and certificate.dilation > 1
     is_own = slower and not problem.route.dilatable
-    return replace(certificate, motion=judged if is_own else None, judged=judged)
+    return replace(
+        certificate,
+        motion=judged if is_own else None,
+        judged=None if certificate.repair else judged,
+    )
 
 
 def flaws(problem: Problem, trajectory: Trajectory) -> tuple[str, ...]:
@@ -227,27 +232,40 @@ def _judged(
     unjudged: Collection[str] = (),
     *,
     at_rest: bool = True,
-    begins: float = 0.0,
+    begins: float | None = None,
 ) -> tuple[Certificate, Trajectory]:
     """Return the certificate, and the trajectory that was judged: repaired, if possible.
 
-    Where the route cannot be dilated, it is the motion that has the certified duration. Times in
-    flaws are counted from `begins`, s, earlier than the trajectory's start.
+    Where the route cannot be dilated, it is the motion that has the certified duration. Of a motion
+    that is judged joint by joint it is the given one. Times in flaws are counted from `begins`, s,
+    earlier than the trajectory's start, for a part of a motion.
     """
+    is_part, begins = begins is not None, begins or 0.0
     problem = within_tolerance(problem, trajectory)
     if at_rest and "dwell" in problem.demands:
         return _judged_in_parts(problem, trajectory, tolerance, unjudged)
     allowed = _allowed(problem, trajectory.duration, tolerance)
     waypoint, continuity, flaws = _missed(problem, trajectory, allowed, begins, at_rest=at_rest)
-    repair = repaired(problem, trajectory) if at_rest and not flaws else None
-    judged = repair or trajectory
+    judged, repair, ratios = trajectory, None, None
+    is_repaired = False
+    if at_rest and not flaws and not is_part and _is_separate(problem, trajectory, unjudged):
+        ratios = _by_joint(problem, trajectory, unjudged)
+        is_repaired = ratios is not None
+        repair = partial(repaired, problem, trajectory) if is_repaired else None
+    elif at_rest and not flaws:
+        made = repaired(problem, trajectory)
+        is_repaired = made is not None
+        judged = made or trajectory
     uses = {}
     dilation = 0.0
     overflowing = False
     for key, limit in problem.limits.kinds.items():
         if key in unjudged:
             continue
-        use = problem.limits.worst(key, judged if limit.is_ratio else trajectory)
+        if ratios is not None and limit.is_ratio:
+            use = ratios[key]
+        else:
+            use = problem.limits.worst(key, judged if limit.is_ratio else trajectory)
         uses[key] = use
         needed = limit.dilation(use, judged)
         dilation = float(np.maximum(dilation, needed))  # NaN stays NaN
@@ -266,7 +284,7 @@ def _judged(
         dilation, hopeless = _together(problem, judged, dilation, unjudged)
         flaws += hopeless
     flaws += _no_time(least, begins)
-    if repair is None and at_rest and not flaws:
+    if at_rest and not flaws and not is_repaired:
         flaws.append(_NOT_REPAIRED)
     if overflowing:
         flaws.append("its peaks are not finite numbers")
@@ -277,13 +295,15 @@ def _judged(
         if dilation > 1 + KEPT_RTOL:
             rounded = _missed_as_returned(problem, trajectory, unjudged)
         if rounded is not None:
-            judged = trajectory
+            judged, repair = trajectory, None
             uses = {key: problem.limits.worst(key, judged) for key in uses}
         if dilation <= 1 + KEPT_RTOL or rounded is not None:
             dilation = 1.0
         else:
             from trajopt.judging.slower import slower  # late: it needs parts of SciPy
 
+            if repair:
+                judged, repair = repair() or trajectory, None
             if _is_timed(problem):
                 found = _rounded_outwards(problem, judged, dilation)
             else:
@@ -302,8 +322,52 @@ def _judged(
         tolerance=tolerance,
         least_times=least,
         rounded=rounded,
+        repair=repair,
     )
     return certificate, judged
+
+
+def _is_separate(problem: Problem, trajectory: Trajectory, unjudged: Collection[str]) -> bool:
+    """Return whether a motion is judged joint by joint: it is long, and no limit couples them."""
+    limits = [limit for key, limit in problem.limits.kinds.items() if key not in unjudged]
+    alone = all(limit.separate and limit.monotone for limit in limits)
+    return alone and is_by_joint(problem, trajectory)
+
+
+def _by_joint(
+    problem: Problem, trajectory: Trajectory, unjudged: Collection[str]
+) -> dict[str, Use] | None:
+    """Return the worst uses that are ratios by the repaired motion, of which one joint is held.
+
+    Args:
+        problem: Its limits are of each joint by itself.
+        trajectory: The motion, without flaws so far.
+        unjudged: Keys of limits that are not judged.
+
+    Returns:
+        The uses by key; None where the motion cannot be repaired.
+    """
+
+    def of_joint(joint: int, motion: Trajectory) -> dict[str, Use]:
+        limits = problem.limits.only([joint])
+        return {
+            key: limits.worst(key, motion)._replace(joint=joint)
+            for key, limit in limits.kinds.items()
+            if limit.is_ratio and key not in unjudged
+        }
+
+    each = by_joint(problem, trajectory, of_joint)
+    if each is None:
+        return None
+    keys = dict.fromkeys(key for uses in each for key in uses)
+    return {
+        key: max((uses[key] for uses in each if key in uses), key=_first_of_the_worst)
+        for key in keys
+    }
+
+
+def _first_of_the_worst(use: Use) -> tuple[bool, float, float]:
+    return bool(np.isnan(use.value)), use.value, -use.time
 
 
 def _missed(

@@ -61,7 +61,9 @@ def with_motion(trial: Trial, computed: Certificate | None) -> Trial:
     """Return a trial whose stated certificate has the motion of the computed one."""
     if trial.certificate is None or computed is None:
         return trial
-    own = replace(trial.certificate, motion=computed.motion, judged=computed.judged)
+    own = replace(
+        trial.certificate, motion=computed.motion, judged=computed.judged, repair=computed.repair
+    )
     return replace(trial, certificate=own)
 
 
