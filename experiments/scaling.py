@@ -68,6 +68,7 @@ PEERS = {
     "TOPP-RA, 1000 intervals": "toppra:knots=chord,ends=clamped,gridpoints=1000",
 }
 REPEATS = 3
+CALLS = 30  # problems that are solved at least: one alone takes milliseconds
 LONG = (200_000, 2_000_000)  # samples
 MB = 1e6
 CYCLE_S = 1e-3
@@ -130,14 +131,15 @@ def together(planner: str, count: int) -> list[dict[str, float]]:
     tried = load(planner)
     problems = like_six_axis(count, jerk=tried.plans_for(KINDS["jerk"]))
     some = problems[:ONE_BY_ONE]
+    times = max(REPEATS, CALLS // count)
     tried.solve(problems[0])
-    spent, many = least(lambda: tried.solve_many(problems))
-    alone, one_by_one = least(lambda: [tried.solve(problem) for problem in some])
+    spent, many = least(lambda: tried.solve_many(problems), times)
+    alone, one_by_one = least(lambda: [tried.solve(problem) for problem in some], times)
     motions = [solution.trajectory for solution in many]
-    copies = [fresh(motions) for _ in range(REPEATS)]
-    judging, certificates = least(lambda: verify_many(problems, copies.pop()))
-    copies = [fresh(motions[:ONE_BY_ONE]) for _ in range(REPEATS)]
-    judging_alone, _ = least(lambda: list(map(verify, some, copies.pop())))
+    copies = [fresh(motions) for _ in range(times)]
+    judging, certificates = least(lambda: verify_many(problems, copies.pop()), times)
+    copies = [fresh(motions[:ONE_BY_ONE]) for _ in range(times)]
+    judging_alone, _ = least(lambda: list(map(verify, some, copies.pop())), times)
     tracemalloc.start()
     tried.solve_many(problems)
     _, most = tracemalloc.get_traced_memory()
@@ -165,10 +167,10 @@ def durations(solutions: list[Any]) -> list[float]:
     return [solution.trajectory.duration for solution in solutions]
 
 
-def least(call: Callable[[], Any]) -> tuple[float, Any]:
+def least(call: Callable[[], Any], times: int = REPEATS) -> tuple[float, Any]:
     """The least CPU time of some calls, s, and what the last returned."""
     spent = []
-    for _ in range(REPEATS):
+    for _ in range(times):
         began = time.process_time()
         found = call()
         spent.append(time.process_time() - began)
