@@ -482,10 +482,13 @@ class JerkLinearisation:
     def _changes(self, step: JerkUnknowns) -> Array:
         """Return a step over the variables of every cell."""
         cells = self.rows.cells
-        before, after = at_ends(step.acceleration, closed=cells.closed)
-        log = np.broadcast_to(step.log[..., None], after.shape)
-        offsets = at_ends(step.offset, closed=cells.closed) if cells.tolerant else ()
-        return np.array([log, step.ends[0], before, step.ends[1], after, *offsets])
+        changes = np.empty((5 + 2 * cells.tolerant, *step.ends[0].shape))
+        changes[TIME] = step.log[..., None]
+        changes[list(VELOCITIES)] = step.ends
+        changes[list(ACCELERATIONS)] = at_ends(step.acceleration, closed=cells.closed)
+        if cells.tolerant:
+            changes[list(OFFSETS)] = at_ends(step.offset, closed=cells.closed)
+        return changes
 
     def _by_cell(self, matrix: Array) -> Array:
         """Return the matrix over each cell's variables with the axes in the order of `Chain`."""

@@ -22,7 +22,7 @@ times alone are increased.
 
 from __future__ import annotations
 
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -147,6 +147,18 @@ def _layout(segments: int, joints: int, orders: int, closed: bool = False) -> _B
     return _BandLayout(width, size, unknowns, np.flatnonzero(is_lower), places[is_lower])
 
 
+@lru_cache(maxsize=8)  # a descent has one size, or a few
+def _places(
+    starts: int, segments: int, joints: int, orders: int, closed: bool
+) -> tuple[Indices, Indices]:
+    """Return flat indices for all starts: of the unknowns, and of the entries of the bands."""
+    layout = _layout(segments, joints, orders, closed)
+    height = layout.size if closed else layout.height
+    first = np.arange(starts)[:, None]
+    unknowns = first * (layout.size + 1) + layout.unknowns.ravel()
+    return unknowns.ravel(), (first * layout.size * height + layout.places).ravel()
+
+
 class Chain:
     """One Newton step: the matrix of every cell, and its links.
 
@@ -204,17 +216,23 @@ class Chain:
         """
         layout = self.layout
         by_unknown = np.matmul(by_cell[..., None, :], self.to_unknowns)
-        summed = _summed(
-            by_unknown.reshape(len(by_cell), -1), layout.unknowns.ravel(), layout.size + 1
-        )
-        gradient = summed[:, :-1]
+        places, _ = self._places
+        gradient = _summed(by_unknown, places, (len(by_cell), layout.size + 1))[:, :-1]
         gradient[:, :: layout.width] -= self.times
         return gradient
 
     def descent(self, by_cell: Array) -> Array:
         """Return the right-hand side of a Newton step: the gradient, less the links' residuals."""
-        missed = np.matmul(self.matrix, self.constant[..., None])[..., 0]
-        return self.gradient(by_cell - missed)
+        return self.gradient(by_cell - self._missed)
+
+    @cached_property
+    def _missed(self) -> Array:
+        """Return what the links' residuals add to the gradient."""
+        return np.matmul(self.matrix, self.constant[..., None])[..., 0]
+
+    @property
+    def _places(self) -> tuple[Indices, Indices]:
+        return _places(*self.matrix.shape[:3], self.orders, self.closed)
 
     def steepest(self, by_cell: Array) -> Array:
         """Return the largest derivative by a time or a waypoint velocity, `(starts,)`."""
@@ -246,9 +264,9 @@ class Chain:
         reduced = turned @ self.matrix @ self.to_unknowns
         starts = len(reduced)
         height = layout.size if self.closed else layout.height
-        bands = _summed(
-            reduced.reshape(starts, -1)[:, layout.chosen], layout.places, layout.size * height
-        )
+        _, places = self._places
+        entries = reduced.reshape(starts, -1)[:, layout.chosen]
+        bands = _summed(entries, places, (starts, layout.size * height))
         bands = bands.reshape(starts, layout.size, height)
         if self.closed:
             of_times = np.arange(0, layout.size, layout.width)
@@ -326,7 +344,7 @@ def beside_it(ends: Array, closed: bool = False) -> Array:
 
     At the motion's ends it is 0, or, where the motion is closed, the value at the other end.
     """
-    beside = np.zeros_like(ends)
+    beside = np.zeros(ends.shape)
     beside[0, :, 1:] = ends[1, :, :-1]
     beside[1, :, :-1] = ends[0, :, 1:]
     if closed:
@@ -335,9 +353,7 @@ def beside_it(ends: Array, closed: bool = False) -> Array:
     return beside
 
 
-def _summed(values: Array, places: Indices, size: int) -> Array:
-    """Return the sums of values that share an index, for every start, `(starts, size)`."""
-    starts = len(values)
-    first = size * np.arange(starts)[:, None]
-    sums = np.bincount((first + places).ravel(), values.ravel(), minlength=starts * size)
-    return np.asarray(sums.reshape(starts, size), dtype=float)
+def _summed(values: Array, places: Indices, shape: tuple[int, int]) -> Array:
+    """Return a table of this shape: sums of values that share a flat index."""
+    sums = np.bincount(places, values.ravel(), minlength=shape[0] * shape[1])
+    return np.asarray(sums.reshape(shape), dtype=float)

@@ -332,11 +332,9 @@ def _stepped(iterate: Iterate) -> Iterate:
         slacks + forwards[:, None, None] * direction.slacks,
     )
     aim = barrier / slacks
-    multipliers = np.clip(
-        multipliers + upwards[:, None, None] * multiplier_step,
-        aim / MULTIPLIER_SPREAD,
-        aim * MULTIPLIER_SPREAD,
-    )
+    multipliers = multipliers + upwards[:, None, None] * multiplier_step
+    multipliers = np.maximum(multipliers, aim / MULTIPLIER_SPREAD)  # `clip` takes 10 µs more
+    multipliers = np.minimum(multipliers, aim * MULTIPLIER_SPREAD)
     return Iterate(
         PrimalDualState(rows, slacks, multipliers),
         state,
