@@ -19,6 +19,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,7 +37,9 @@ from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.gap_reference import best
 from trajopt.views.analysis.versions import Kept, last_versions
-from trajopt.views.results import Results
+
+if TYPE_CHECKING:
+    from trajopt.views.results import Results
 
 TIMEOUT = 600.0  # s, of a trial
 
@@ -107,6 +110,9 @@ def compare(
         StoreError: The folder cannot be written.
         WorkerError: A judge failed.
     """
+    # late: a planner's process imports `compare` where its module does, and needs no tables
+    from trajopt.views.results import Results
+
     if isinstance(problems, str | Path | Problem):
         problems = [problems]
     if isinstance(planners, str | Planner):

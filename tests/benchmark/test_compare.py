@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import trajopt
 from trajopt import (
     InvalidInput,
     Limits,
@@ -30,7 +31,6 @@ from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
-from trajopt.views.results import Results
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
 FAST = [("exact", load("exact:starts=1"))]
@@ -177,16 +177,25 @@ def test_every_misdeed_is_recorded_and_the_others_go_on(tmp_path):
         assert trial.status is ran[key].status
 
 
-def test_dying_hanging_and_devouring_in_worker_processes_cost_one_trial_each(tmp_path):
+def test_dying_and_devouring_in_worker_processes_cost_one_trial_each(tmp_path):
     expected = {
         "die": (Status.CRASHED, "exit code 7"),
-        "hang": (Status.TIMEOUT, "stopped after 20 s"),
         "devour": (Status.CRASHED, "out of memory"),
         "killed": (Status.CRASHED, "was killed, perhaps because the machine ran out of memory"),
         **{name: EXPECTED[name] for name in ("raise", "exit", "string", "stats", "solve")},
     }
     planners = [(name, Mine(name)) for name in expected]
-    check(compare(planners, tmp_path, jobs=2, timeout=20.0, memory=1.0), expected)
+    check(compare(planners, tmp_path, jobs=2, timeout=60.0, memory=1.0), expected)
+
+
+def test_hanging_in_a_worker_process_costs_one_trial(tmp_path):
+    planners = [(name, Mine(name)) for name in ("hang", "solve")]
+    for timeout in (4.0, 20.0):  # a busy machine may need the longer one
+        results = compare(planners, tmp_path, jobs=2, timeout=timeout)
+        if [trial.status for trial in results.items].count(Status.TIMEOUT) == 1:
+            break
+    stopped = (Status.TIMEOUT, f"stopped after {timeout:g} s")
+    check(results, {"hang": stopped, "solve": EXPECTED["solve"]})
 
 
 def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_path):
@@ -389,7 +398,7 @@ def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
 def test_a_problem_that_is_solved_needs_no_reference_and_has_the_same_gaps(tmp_path):
     """`one-joint` is recorded; the same waypoints under other limits are not."""
     (trial,) = run.compare([PROBLEM], [("mine", Mine())], tmp_path / "a").items
-    results = Results([trial])
+    results = trajopt.Results([trial])
     known = results.references().iloc[0]
     assert known["kind"] == "best known"
     assert known["reference"] == pytest.approx(2.0, rel=1e-9)  # 1.5/1 + 1/2

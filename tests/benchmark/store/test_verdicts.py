@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from trials import PROBLEM, Stopping, assert_same, forged, solved
 
+import trajopt
 from trajopt import Status, compare
 from trajopt.benchmark.store import trial_text, verdicts
 from trajopt.benchmark.store.folder import Store, Unheld, read
@@ -14,7 +15,6 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import trials_of
 from trajopt.planners.registry import load
 from trajopt.views import report
-from trajopt.views.results import Results
 
 
 def faster(table):
@@ -39,7 +39,7 @@ def test_a_forged_verdict_is_shown_as_computed_and_counted(tmp_path, place):
     path = file if place == "results.h5" else file.parent
     for _ in range(2):
         with pytest.warns(Unheld, match=r"1 of 1 trials do not hold what they state; every"):
-            results = Results(path)
+            results = trajopt.Results(path)
         (shown,) = results.items
         assert_same(shown.certificate, true.certificate)
         assert results.trials()["certified_duration"].item() == true.certified_duration
@@ -89,7 +89,7 @@ def test_a_bound_that_gaps_rest_on_is_what_its_proof_proves(tmp_path, bound):
     file = planted(tmp_path / "r", true, change)
     for _ in range(2):
         with pytest.warns(Unheld):
-            results = Results(file)
+            results = trajopt.Results(file)
         (shown,) = results.items
         assert shown.lower_bound == pytest.approx(true.lower_bound, rel=1e-12)
         # the closed form of this problem, 2 s, closes it too
