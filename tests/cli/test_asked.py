@@ -179,6 +179,7 @@ def test_the_completion_script_is_installed_and_sound(run, tmp_path, monkeypatch
     assert installed.read_text(encoding="utf-8") == script
 
 
+LINE = "along:knots=chord,ends=natural"  # between two waypoints all rules have the same line
 ARM = """<robot name="r"><link name="base"/><link name="a"/><link name="b"/><link name="tool"/>
 <joint name="one" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
 <limit lower="-3" upper="3" velocity="2"/></joint>
@@ -193,7 +194,7 @@ def test_a_tool_speed_on_the_command_line(run):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     Path("w.csv").write_text("one,two\n0,0\n1,0\n", encoding="utf-8")
     limits = "--urdf arm.urdf --acceleration 2"
-    code, _, err = run(f"plan w.csv {limits} --tool-speed 0.5 --planner along --out m.json")
+    code, _, err = run(f"plan w.csv {limits} --tool-speed 0.5 --planner {LINE} --out m.json")
     assert code == 0, err
     # joint one alone turns 1 m about the base: 1 rad at 0.5 rad/s, with 2 rad/s²
     told = json.loads(run(f"verify m.json {limits} --tool-speed 0.5 --json")[1])
@@ -216,7 +217,7 @@ def test_speeds_of_links_on_the_command_line(run):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     Path("w.csv").write_text("one,two\n0,0\n1,0\n", encoding="utf-8")
     limits = "--urdf arm.urdf --acceleration 2"
-    code, _, err = run(f"plan w.csv {limits} --link-speed b=0.3 --planner along --out m.json")
+    code, _, err = run(f"plan w.csv {limits} --link-speed b=0.3 --planner {LINE} --out m.json")
     assert code == 0, err
     told = json.loads(run(f"verify m.json {limits} --link-speed b=0.3,a=1 --json")[1])
     assert told["duration"] == pytest.approx(1 / 0.5 + 0.5 / 2, rel=1e-3)
@@ -236,7 +237,7 @@ def test_torques_on_the_command_line(run):
     flags = "--urdf arm.urdf --acceleration 2"
     # both axes are upright: 2 kg at 1 m, and as much again, with the torque of joint one alone
     for more, torque in (("", 4.0), (" --payload 2", 8.0)):
-        code, out, err = run(f"plan w.csv {flags} --torque 50%{more} --planner along --json")
+        code, out, err = run(f"plan w.csv {flags} --torque 50%{more} --planner {LINE} --json")
         assert code == 0, err
         told = json.loads(out)
         acceleration = 4 * 2 / torque
@@ -244,10 +245,10 @@ def test_torques_on_the_command_line(run):
     # of a joint_limits.yaml, which replaces the URDF's
     Path("limits.yaml").write_text("joint_limits: {one: {max_effort: 1}}", encoding="utf-8")
     code, out, err = run(
-        f"plan w.csv {flags} --limits limits.yaml --torque urdf --planner along --json"
+        f"plan w.csv {flags} --limits limits.yaml --torque urdf --planner {LINE} --json"
     )
     assert json.loads(out)["certified_duration"] == pytest.approx(2 / 0.5**0.5, rel=1e-3)
-    code, out, err = run(f"plan w.csv {flags} --torque 4,inf --planner along --json")
+    code, out, err = run(f"plan w.csv {flags} --torque 4,inf --planner {LINE} --json")
     assert json.loads(out)["certified_duration"] == pytest.approx(2 / 2**0.5, rel=1e-3)
     code, _, err = run(f"plan w.csv {flags} --torque 4")
     assert (code, err.count("\n")) == (2, 1)
