@@ -40,5 +40,9 @@ def test_what_is_interrupted_is_computed_again(tmp_path):
 
 def test_a_process_that_dies_or_hangs_is_a_row():
     cells = [partial(os._exit, 3), partial(time.sleep, 60.0), partial(max, 1, 2)]
-    found = apart(cells, lost=lambda error: type(error).__name__, workers=1, timeout=10.0)
-    assert list(found) == ["ProcessExpired", "TimeoutError", 2]
+    for timeout in (3.0, 30.0):  # a busy machine may need the longer one
+        rows = apart(cells, lost=lambda error: type(error).__name__, workers=1, timeout=timeout)
+        found = list(rows)
+        if found[2] == 2:
+            break
+    assert found == ["ProcessExpired", "TimeoutError", 2]

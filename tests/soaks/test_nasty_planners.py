@@ -39,6 +39,7 @@ def test_what_planners_do_changes_neither_their_certificates_nor_others_rows(
     monkeypatch.setattr(nasty_planners, "TIMEOUT", 20.0)  # none of these hangs
     # A run waits for a judge as long as its trials may take: here 5 s for the one that is stopped.
     patience = runner._patience
+    monkeypatch.setattr(runner, "_END_TIMEOUT_S", 3.0)  # then it is left to the server
     monkeypatch.setattr(
         runner, "_patience", lambda request: 5.0 if STOPS in repr(request) else patience(request)
     )

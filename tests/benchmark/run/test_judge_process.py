@@ -39,7 +39,7 @@ def test_a_planner_has_a_process_of_its_own_whose_clock_is_not_believed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    entrants = [("a", Stopping()), ("b", Stopping(1))]
+    entrants = [("a", Stopping()), ("b", Stopping(2))]  # the latter does not sleep
     results = compare([PROBLEM], entrants, "kept", seeds=2, jobs=1)
     trials = {trial.label + str(trial.seed): trial for trial in results.items}
     slow = trials["a0"]
