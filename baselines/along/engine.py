@@ -37,6 +37,7 @@ _SETTLED = 0.35
 _PLAIN = 0.1
 # Where the motion is looked at between two knots, as shares of time.
 _LOOKS = np.linspace(0.0, 1.0, 17)
+_BLOCK = 500  # intervals that are looked at together: a few MB
 # The method starts at this share of the uniform speed,
 _START_SHARE = 0.7
 # on later knots at this share of the last answer, with these products of slacks and multipliers.
@@ -102,14 +103,21 @@ class _OnKnots:
         middles = (knots[1:] + knots[:-1]) / 2
         self.piece = path.pieces_at(middles)
         self.segment = path.curve.segments_at(path.s(middles)[0])
+        rows = self.law(unit)
+        margins = np.repeat(np.broadcast_to(margin, len(middles)), len(POINTS))[:, None]
+        rows.slow[0] += margins
+        rows.jerk[0] += margins
+        self.program = SpeedProgram(path, rows, knots, ends, unit)
+
+    def law(self, unit: float) -> Law:
+        """Return what limits ask at the points of every interval.
+
+        It is as large as the program, and not kept: a log has tens of thousands of intervals.
+        """
         count = len(POINTS)
-        sigma = (knots[:-1, None] + np.diff(knots)[:, None] * POINTS).ravel()
-        states = path.at(sigma, np.repeat(self.piece, count))
-        self.law = law(limits, states, np.repeat(self.segment, count), unit)
-        margins = np.repeat(np.broadcast_to(margin, len(middles)), count)[:, None]
-        for rows in (self.law.slow, self.law.jerk):
-            rows[0] += margins
-        self.program = SpeedProgram(path, self.law, knots, ends, unit)
+        sigma = (self.knots[:-1, None] + np.diff(self.knots)[:, None] * POINTS).ravel()
+        states = self.path.at(sigma, np.repeat(self.piece, count))
+        return law(self.limits, states, np.repeat(self.segment, count), unit)
 
     def motion(self, x: Array) -> tuple[Trajectory, Array, Array]:
         """Return the motion, and each interval's excess and lost time."""
@@ -121,7 +129,9 @@ class _OnKnots:
         speed = s1[sides] * np.sqrt(b)
         acceleration = s2[sides] * b + s1[sides] * slope / 2
         inner = _quintic(s[:-1] - path.curve.breaks[self.piece], np.diff(s), speed, acceleration, h)
-        over, room = self._looked_at(inner, h)
+        blocks = [slice(k, k + _BLOCK) for k in range(0, len(h), _BLOCK)]
+        looks = [self._looked_at(inner[:, some], h[some], some) for some in blocks]
+        over, room = (np.concatenate(own) for own in zip(*looks, strict=True))
         composed = polynomials.composed(path.curve.coefficients[:, self.piece], inner[..., None])
         breaks = np.append(0.0, np.cumsum(h))
         way = np.interp(path.sigma(path.curve.waypoint_times), self.knots, breaks)
@@ -129,18 +139,18 @@ class _OnKnots:
         motion = Trajectory(breaks, _in_seconds(composed, h), way, h)
         return motion, over, room * h
 
-    def _looked_at(self, inner: Array, h: Array) -> tuple[Array, Array]:
-        """Return each interval's excess and least room, of `s(t)` over unit intervals."""
+    def _looked_at(self, inner: Array, h: Array, some: slice) -> tuple[Array, Array]:
+        """Return some intervals' excess and least room, of `s(t)` over unit intervals."""
         looks = len(_LOOKS)
         s, w, x, y = (
             polynomials.evaluate(polynomials.derivative(inner, order)[:, :, None], _LOOKS).ravel()
             / np.repeat(h, looks) ** order
             for order in range(4)
         )
-        piece = np.repeat(self.piece, looks)
+        piece = np.repeat(self.piece[some], looks)
         curve = self.path.curve
         states = np.stack(on_pieces(curve, (s + curve.breaks[piece])[:, None], piece))
-        segments = np.repeat(self.segment, looks)
+        segments = np.repeat(self.segment[some], looks)
         over, room = excess(self.limits, states, np.stack([w, x, y]), segments)
         return over.reshape(-1, looks).max(axis=1), np.maximum(
             room.reshape(-1, looks).max(axis=1), 0.0
@@ -274,8 +284,10 @@ def _started(path: Path, limits: Limits, ends: Sequence[End]) -> tuple[Path, _On
         own = path.with_zones(rests, (size[0], size[1]))
         must = _must(own)
         knots = _spread(must, np.array([0.0, own.length]), np.array([0.0, 1.0]))
-        grid = _OnKnots(own, limits, knots, ends, _usual(own, limits))
-        allowed = _uniform(grid.law, len(POINTS))
+        usual = _usual(own, limits)
+        grid = _OnKnots(own, limits, knots, ends, usual)
+        rows = grid.law(usual)
+        allowed = _uniform(rows, len(POINTS))
         uneven = np.zeros(2, dtype=bool)
         for end, zone in enumerate(own.zones):
             if zone:
@@ -289,7 +301,7 @@ def _started(path: Path, limits: Limits, ends: Sequence[End]) -> tuple[Path, _On
         size[uneven] *= _SHORTER
     unit = float(allowed.min())
     if unit * _SLOWEST < own.length:
-        raise NoMotionError(_where(grid, allowed))
+        raise NoMotionError(_where(grid, rows, allowed))
     return own, grid, unit
 
 
@@ -314,12 +326,12 @@ def _uniform(law: Law, points: int) -> Array:
     return 10.0**low
 
 
-def _where(grid: _OnKnots, allowed: Array) -> str:
+def _where(grid: _OnKnots, rows: Law, allowed: Array) -> str:
     """Say where, and under which limit, no motion along the path is possible."""
     interval = int(allowed.argmin())
     points = slice(interval * len(POINTS), (interval + 1) * len(POINTS))
-    at_rest = np.concatenate([grid.law.slow[0], grid.law.jerk[0]], axis=1)[points].max(axis=0)
-    kind = KINDS[grid.law.keys[int(at_rest.argmax())]].name()
+    at_rest = np.concatenate([rows.slow[0], rows.jerk[0]], axis=1)[points].max(axis=0)
+    kind = KINDS[rows.keys[int(at_rest.argmax())]].name()
     segment = int(grid.segment[interval]) + 1
     return f"no motion along this path keeps the {kind} limits in segment {segment}"
 

@@ -80,11 +80,16 @@ def law(limits: Limits, states: Array, segments: Indices, unit: float) -> Law:
         for row in _of_limit(limit, states, segments, unit):
             (jerk if row[6].any() else slow).append((key, row))
     keys = tuple(key for key, _ in (*slow, *jerk))
-    tables = [
-        np.stack([row for _, row in own], axis=2) if own else np.zeros((7, states.shape[1], 0))
-        for own in (slow, jerk)
-    ]
-    return Law(tables[0], tables[1], keys)
+    count = states.shape[1]
+    return Law(_table(slow, count), _table(jerk, count), keys)
+
+
+def _table(rows: list[tuple[str, Array]], count: int) -> Array:
+    """Return rows as one table, `(7, points, rows)`; each is given up as it is copied."""
+    table = np.empty((7, count, len(rows)))
+    for k in reversed(range(len(rows))):
+        table[..., k] = rows.pop()[1]
+    return table
 
 
 def _of_limit(limit: Limit, states: Array, segments: Indices, unit: float) -> Iterator[Array]:

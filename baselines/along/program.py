@@ -14,14 +14,15 @@ primal-dual one, Mehrotra 1992, with slacks). Its matrix has a band of three.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from baselines.along.law import Law
 from baselines.along.path import Path
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import nearest
 
 POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -124,42 +125,47 @@ class SpeedProgram:
         top = np.clip(_top(slow[..., alone]), _SLOW * unit, _FREE * unit)
         pure = np.zeros((7, slow.shape[1], 1))
         pure[0], pure[2] = -1.0, 1 / top[:, None] ** 2
-        groups = [pure, slow[..., linear], slow[..., damped], law.jerk]
-        spread = [own.reshape(7, self.count, points, -1) for own in groups]
-        value, slope, bend = self.basis[..., None]  # (local, N, points, 1)
-        constants, gradients = [], []
-        for k, own in enumerate(spread):
-            c0, cv, c2, ca, c3, cb, cu = own
-            if k < 3:
-                constants.append(c0)
-                gradients.append(c2 * value + ca / 2 * slope)
-            else:
-                constants.append(cv)
-                gradients.append(c3 * value + cb / 2 * slope + cu / 2 * bend)
-        sizes = [points * own.shape[3] for own in spread]
-        ends = np.cumsum([0, *sizes])
-        self.damped, self.jerk = slice(ends[2], ends[3]), slice(ends[3], ends[4])
-        self.rows_in_all = int(ends[4]) * self.count
+        jerky = np.ones(law.jerk.shape[2], dtype=bool)
+        groups = [(pure, np.ones(1, dtype=bool)), (slow, linear), (slow, damped), (law.jerk, jerky)]
+        sizes = [points * int(columns.sum()) for _, columns in groups]
+        ends = np.cumsum([0, *sizes]).tolist()
+        places = [slice(*own) for own in pairwise(ends)]
+        self.damped, self.jerk = places[2:]
+        self.rows_in_all = ends[-1] * self.count
+        shape = self.count, ends[-1]
+        self.multiplier = np.zeros(shape)
+        self.constant, self._rates = np.empty(shape), np.zeros(shape)
+        self.gradient = np.empty((self.local, *shape))
+        values, slopes, bends = self.basis[..., None]  # (local, N, points, 1) each
 
-        self.multiplier = np.zeros((self.count, self.rows_in_all // self.count))
+        def terms(table: Array, columns: Bools, *chosen: int) -> Iterator[Array]:
+            """Yield some of the seven terms of some rows, `(N, points, rows)`."""
+            for term in chosen:
+                yield table[term][:, columns].reshape(self.count, points, -1)
 
-        def flat(arrays: list[Array]) -> Array:
-            lead = arrays[0].shape[:-3]
-            return np.concatenate([own.reshape(*lead, self.count, -1) for own in arrays], axis=-1)
+        def flat(table: Array) -> Array:
+            return table.reshape(*table.shape[:-3], self.count, -1)
 
-        self.constant, self.gradient = flat(constants), flat(gradients)
-        self._rates = flat([own[3] * (k < 3) for k, own in enumerate(spread)])
-        self.speed_term = spread[2][1].reshape(self.count, -1)
-        c0, _, c2, ca, *_ = spread[3]
-        self.low_constant = c0.reshape(self.count, -1)
+        # one unknown after the other: of all together the tables would be as large as the program
+        for place, group in zip(places[:3], groups[:3], strict=True):
+            c0, c2, ca = terms(*group, 0, 2, 3)
+            self.constant[:, place], self._rates[:, place] = flat(c0), flat(ca)
+            for own, value, slope in zip(self.gradient, values, slopes, strict=True):
+                own[:, place] = flat(c2 * value + ca / 2 * slope)
+        cv, c3, cb, cu = terms(*groups[3], 1, 4, 5, 6)
+        self.constant[:, self.jerk] = flat(cv)
+        for own, value, slope, bend in zip(self.gradient, values, slopes, bends, strict=True):
+            own[:, self.jerk] = flat(c3 * value + cb / 2 * slope + cu / 2 * bend)
+        (cv,) = terms(*groups[2], 1)
+        self.speed_term = flat(cv)
+        c0, c2, ca = terms(*groups[3], 0, 2, 3)
+        self.low_constant = flat(c0)
         self.low_gradient = None
         if c2.any() or ca.any():
-            self.low_gradient = (c2 * value + ca / 2 * slope).reshape(self.local, self.count, -1)
+            self.low_gradient = flat(c2 * values + ca / 2 * slopes)
         self.damped_value, self.jerk_value = (
-            np.broadcast_to(value, (self.local, self.count, points, own.shape[3])).reshape(
-                self.local, self.count, -1
-            )
-            for own in spread[2:]
+            flat(np.broadcast_to(values, (*values.shape[:-1], int(columns.sum()))))
+            for _, columns in groups[2:]
         )
 
     def _local(self, x: Array) -> Array:
