@@ -26,6 +26,9 @@ Two exceptions keep a repair cheap where times are tiny. A waypoint that may be 
 rounding (`trajopt.core.resolution`) bounds no segment, as long as the repaired motion misses it by
 no more. A brief segment, beside two long ones, is integrated anew whole (`_smoothed`): its jumps
 are then at its ends, where the long segments take them.
+
+A long motion, such as a log's, is repaired joint by joint (`_each_joint`), and may be judged so
+(`by_joint`): the repaired motion, as large as the given one, is then never whole.
 """
 
 from __future__ import annotations

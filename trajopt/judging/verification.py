@@ -339,6 +339,8 @@ def _by_joint(
 ) -> dict[str, Use] | None:
     """Return the worst uses that are ratios by the repaired motion, of which one joint is held.
 
+    Where the uses of several joints are equal, the earliest counts.
+
     Args:
         problem: Its limits are of each joint by itself.
         trajectory: The motion, without flaws so far.
