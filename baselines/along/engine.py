@@ -209,6 +209,7 @@ def timed(
     must = _must(path)
     before: tuple[_OnKnots, Array] | None = None
     last = np.inf
+    is_cut = False
     for count in range(1, _MAX_GRIDS + 1):
         try:
             x = _solved(grid, before, unit, accuracy)
@@ -223,13 +224,16 @@ def timed(
         settled = excess_time < _SETTLED * accuracy * motion.duration
         settled &= abs(motion.duration / last - 1) < _SETTLED * accuracy
         plain = excess_time + lost.sum() < _PLAIN * accuracy * motion.duration
-        if count == _MAX_GRIDS or plain or (count > 2 and settled):
+        if count == _MAX_GRIDS or plain or (is_cut and settled):
             break
         last = motion.duration
         before = grid, x
+        knots = grid.knots
         if count == 1:
             knots = _spread(must, grid.knots, motion.breaks / motion.duration)
-        else:
+        # a path of many pieces has the same knots then
+        is_cut = np.array_equal(knots, grid.knots)
+        if is_cut:
             knots = _cut(grid.knots, over, motion.lengths, lost, accuracy)
         grid = _OnKnots(path, limits, knots, ends, unit)
     margin = np.zeros(grid.program.count)
