@@ -14,18 +14,25 @@ import numpy as np
 import pytest
 
 from trajopt import Planner, Problem, Solution, Status, compare
+from trajopt.benchmark.run import server
 
 NAME = "TRAJOPT_TEST_FORK_SERVER"
 # solvers start threads, figures take long
-UNLOADED = ("casadi", "highspy", "matplotlib", "pandas", "scipy.optimize")
+UNLOADED = ("casadi", "highspy", "matplotlib", "pandas")
 LOOK = """
-import sys
+import os, sys
 from importlib import import_module
+from trajopt import compare  # as a planner's module may
 from trajopt.benchmark.run import server
 for name in server._LOADED:
     import_module(name)
+print("scipy.optimize" in sys.modules)
+for name in server._SHARED:
+    import_module(name)
 print(*(name for name in sys.argv[1:] if name in sys.modules))
+print(len(os.listdir("/proc/self/task")))
 """
+FOUND = "scipy.optimize" in sys.modules
 LEFT = """
 import os
 from trajopt.benchmark.run import server
@@ -47,6 +54,16 @@ class Reporting(Planner):
 
 
 @dataclass(frozen=True)
+class Requiring(Planner):
+    """Says what its process had loaded when it read this file."""
+
+    requires = ("scipy.optimize",)
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        return Solution(Status.FAILED, message=f"found {FOUND}")
+
+
+@dataclass(frozen=True)
 class Drawing(Planner):
     """Draws from the global random streams, which nobody seeded."""
 
@@ -57,11 +74,22 @@ class Drawing(Planner):
         return Solution(Status.FAILED, message=drawn)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems start fresh interpreters")
 def test_what_is_loaded_before_forking_runs_no_threads() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", LOOK, *UNLOADED], capture_output=True, text=True, check=True
+        [sys.executable, "-c", LOOK, *UNLOADED],
+        env=os.environ | server.SINGLE_THREADED,
+        capture_output=True,
+        text=True,
+        check=True,
     )
-    assert done.stdout.split() == []
+    assert done.stdout.splitlines() == ["False", "", "1"]
+
+
+def test_what_planners_require_of_scipy_is_loaded_before_forking(tmp_path: Path) -> None:
+    results = compare(["one-joint"], [("mine", Requiring())], tmp_path)
+    said = {trial.planner: trial.message for trial in results.items}
+    assert said["mine"] == "found True"
 
 
 def test_workers_have_the_environment_of_their_run(
@@ -97,8 +125,8 @@ def test_the_server_ends_with_the_process_that_started_it() -> None:
         [sys.executable, "-c", LEFT], capture_output=True, text=True, check=True, timeout=60
     )
     # it holds standard output, so it was ending when that closed
-    server = int(done.stdout)
+    process = int(done.stdout)
     deadline = time.monotonic() + 120
-    while is_running(server) and time.monotonic() < deadline:
+    while is_running(process) and time.monotonic() < deadline:
         time.sleep(0.02)
-    assert not is_running(server)
+    assert not is_running(process)

@@ -261,6 +261,7 @@ def test_a_description_that_no_planner_gives_is_refused(file, change):
         "code": ["", "", "0"],
         "description": "",
         "knows": [],
+        "requires": [],
         "missing": None,
         "refusals": {},
         "relations": {},

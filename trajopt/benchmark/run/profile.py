@@ -37,6 +37,7 @@ class Profile:
         description: One line.
         knows: Kinds of limits that it plans for.
         demands: Demands on the way that it plans for.
+        requires: Modules that it imports.
         missing: Why it cannot run here, with the command that mends it, or None.
         refusals: Why it cannot solve a problem, or None, by the problem's digest.
         relations: How its answers relate to the optimum, by the problem's digest.
@@ -52,6 +53,7 @@ class Profile:
     description: str
     knows: Sequence[str]
     demands: Sequence[str]
+    requires: Sequence[str]
     missing: str | None
     refusals: Mapping[str, str | None]
     relations: Mapping[str, Relation | None]
@@ -102,6 +104,7 @@ class Profile:
             description=_line(table["description"]),
             knows=[key for key in KINDS if key in table["knows"]],
             demands=[key for key in DEMANDS if key in table["knows"]],
+            requires=[*map(str, table["requires"])],
             missing=missing if missing is None else str(missing),
             refusals={digest: own and str(own) for digest, own in table["refusals"].items()},
             relations={
@@ -140,6 +143,7 @@ def _table(configuration: Configuration, problems: Sequence[Problem]) -> dict[st
         **{flag: bool(getattr(planner, flag)) for flag in _FLAGS},
         "description": planner.description,
         "knows": [*planner.knows, *(key for key, own in KINDS.items() if planner.plans_for(own))],
+        "requires": [*planner.requires],
         "missing": missing,
         "refusals": {problem.digest(): _refusal(planner, problem) for problem in problems},
         "relations": {problem.digest(): _relation(planner, problem) for problem in problems},

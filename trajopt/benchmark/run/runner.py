@@ -111,6 +111,7 @@ def _answers(group: Sequence[Task]) -> Iterator[Answers]:
 
 def in_children(tasks: Sequence[Task], store: Store, allowed: Allowance) -> Generator[Finished]:
     """Run `allowed.jobs` tasks at a time, each planner in a process that a judge supervises."""
+    server.load({name for task in tasks for name in task.profile.requires})
     with closing(Judges()) as judges:
         yield from judges.run(tasks, store, allowed)
 

@@ -1,7 +1,8 @@
 """Fork judges from one small process, which has loaded what every trial needs.
 
 It is not safe to fork a process that runs threads or has loaded solvers. The server has done
-neither, and forks a judge in milliseconds, where a fresh interpreter takes half a second. It
+neither, and forks a judge in milliseconds, where a fresh interpreter takes half a second. What of
+SciPy a comparison's planners require it loads once for all of them: a third of a second. It
 imports this package from where the run does, all else as a fresh interpreter, and only then from
 the run's other folders: a `json.py` beside a script hides nothing. When the run ends, in whatever
 way, the server kills all judges and everything that planners started.
@@ -19,6 +20,8 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Collection
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
@@ -36,7 +39,9 @@ sys.path[:] = dict.fromkeys([*own, *json.loads(others)])
 from trajopt.benchmark.run import server
 server.serve(int(descriptor))
 """
+_SHARED = ("scipy.linalg", "scipy.optimize")  # start no threads
 _END_TIMEOUT_S = 30.0  # for killed processes to be gone
+_FORK = b"\xff"  # a message; any other is a number in `_SHARED`
 # Trials that run side by side must not fight for cores. NumPy reads this when it is imported.
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -85,11 +90,24 @@ def judge_link() -> socket.socket:
     """Start a judge; return the link to it."""
     mine, theirs = socket.socketpair()
     with _lock, theirs:
-        if not _servers or not _servers[-1].is_usable:
-            _servers.append(_Server())
-        _servers[-1].process.send_signal(signal.SIGCONT)  # a planner may have stopped it
-        socket.send_fds(_servers[-1].control, [b"\0"], [theirs.fileno()])
+        socket.send_fds(_control(), [_FORK], [theirs.fileno()])
     return mine
+
+
+def load(required: Collection[str]) -> None:
+    """Have later judges' planners find those of `_SHARED` loaded that they require."""
+    with _lock:
+        for number, name in enumerate(_SHARED):
+            if name in required:
+                _control().sendall(bytes([number]))
+
+
+def _control() -> socket.socket:
+    """Return the link to a server that runs."""
+    if not _servers or not _servers[-1].is_usable:
+        _servers.append(_Server())
+    _servers[-1].process.send_signal(signal.SIGCONT)  # a planner may have stopped it
+    return _servers[-1].control
 
 
 def serve(descriptor: int) -> NoReturn:
@@ -118,6 +136,10 @@ def serve(descriptor: int) -> NoReturn:
             if not message:
                 processes.end_children()
                 os._exit(0)
+            if message != _FORK:
+                with suppress(ImportError):  # the planner meets it again, and is recorded
+                    import_module(_SHARED[message[0]])
+                gc.freeze()
             for link in links:
                 process = os.fork()
                 if process == 0:
