@@ -39,10 +39,10 @@ class Writer:
         if values.dtype == object:
             values = values.astype(self._text)
         values = np.asarray(values, order="C")
-        stored, _ = self._type(values.dtype)
+        stored, in_memory = self._type(values.dtype)
         space = self._space(values.shape)
         made = self._h5d.create(place, name.encode("ascii"), stored, space, dcpl=self._as_column)
-        made.write(self._h5s.ALL, self._h5s.ALL, values)
+        made.write(self._h5s.ALL, self._h5s.ALL, values, in_memory)
         self.attributes(made, {"units": units, "description": description})
 
     def attributes(self, place: Any, values: Mapping[str, Any]) -> None:
@@ -52,7 +52,6 @@ class Writer:
             stored, in_memory = self._type(array.dtype)
             made = self._h5a.create(place, name.encode("ascii"), stored, self._space(array.shape))
             made.write(array, mtype=in_memory)
-            made.close()
 
     def _array(self, value: Any) -> Any:
         return np.array(value, dtype=self._text if isinstance(value, list) else None)
