@@ -108,7 +108,7 @@ def replaced(table, at, row):
         # no 32nds: cut to one instant it would be the limit of another derivative
         ("limits", replaced("limits", 0, [1.0, 0.0, 0.001, 0.002])),
         ("limits", replaced("limits", 0, [0.0, 0.0, 0.0, 0.5])),  # a mean of positions
-        ("costates", replaced("costates", 0, [0.0, 99.0, 0.0, 1.0, 1.0])),
+        ("costates", replaced("costates", 0, [0.0, 999.0, 0.0, 1.0, 1.0])),
         ("costates", replaced("costates", 0, [0.0, 0.0, 0.0, 1.0])),
         ("steps", lambda proof: proof["steps"].pop()),
         ("steps", lambda proof: proof["steps"].append([-1.0, -1.0])),

@@ -34,8 +34,10 @@ MAX_SEGMENTS = 4
 _INSTANTS = 32
 SHORTEST_EDGE = 1e-4  # smaller simplices, relative to the segment times, are not halved
 # Share of the way to the target up to which simplices are halved with the one of the least bound.
-_NEAREST = 0.1
+_NEAREST = 0.3
 _BATCH = 64
+# A bound this close to the value at the simplex's centre hardly rises in its parts, relative.
+_STUCK_RTOL = 0.02
 # Largest number of choices of waypoints that are compared.
 _MAX_CHOICES = 170
 # Simplices whose centre is worse than this, relative to the best value, need no limits.
@@ -123,18 +125,19 @@ def prove(
     unit = duration or 1.0
     rows, s = problem_rows(problem, kept, order, duration)
     target = value * unit ** (2 * order - 1)
-    used = np.zeros(rows.low.shape, dtype=bool)
+    used = [np.zeros(rows.low.shape, dtype=bool)]
     shortest = np.zeros(rows.segments)
     if times is not None and duration is not None:
-        used = _in_use(rows, times / times.sum())
+        used = [_in_use(rows, times / times.sum(), own) for own in _choices(rows)]
         shortest = shortest_times(problem, kept)
         shortest *= min(1.0, _MOST * duration / shortest.sum())
-    used[: rows.equations] = True
-    keep = np.flatnonzero(used.any(axis=1))
+    for own in used:
+        own[: rows.equations] = True
+    keep = np.flatnonzero(np.any(used, axis=(0, 2)))
     rows = rows.only(keep)
     share = shortest / unit
     start = share + (1 - share.sum()) * np.eye(rows.segments)
-    search = _SimplexSearch(rows, target * (1 - within), start, used[keep])
+    search = _SimplexSearch(rows, target * (1 - within), start, [own[keep] for own in used])
     while search.may_improve and time.process_time() < deadline:
         search.step(target)
     limits = rows.only(np.arange(rows.equations, len(rows.power)))
@@ -204,6 +207,8 @@ def problem_rows(
                 kinds.append((order - 1 - of, k, share, share, *sides))
             elif of == 2 and k < segments - 1:
                 kinds.append((0, k, share, share, *sides))
+            if of == 2 and order == 3:
+                kinds.append((1, k, share, since, *sides))
     power, segment, share, since, low, high = (
         np.array(column) for column in zip(*kinds, strict=True)
     )
@@ -211,8 +216,21 @@ def problem_rows(
     return rows, scale
 
 
-def _in_use(rows: SmoothnessConstraints, times: Array) -> Bools:
-    """Return which rows the best costates use at these times or near them, `(rows, joints)`."""
+def _choices(rows: SmoothnessConstraints) -> list[Bools]:
+    """Return which rows bound simplices together, `(rows,)` each, in the order to try them.
+
+    Accelerations are limited at instants, which gives good bounds of wide simplices, or their means
+    between instants are: between two instants at its limit an acceleration may exceed it, so the
+    bounds of small simplices are better by these.
+    """
+    changes = rows.width > 0
+    if rows.order == 2:
+        return [np.ones(len(changes), dtype=bool)]
+    return [~(changes & (rows.power == 1)), changes | (rows.power > 0)]
+
+
+def _in_use(rows: SmoothnessConstraints, times: Array, chosen: Bools) -> Bools:
+    """Return which chosen rows the best costates use at or near these times, `(rows, joints)`."""
     near = [times]
     for k, other in permutations(range(len(times)), 2):
         moved = times.copy()
@@ -220,7 +238,8 @@ def _in_use(rows: SmoothnessConstraints, times: Array) -> Bools:
         moved[k] += step
         moved[other] -= step
         near.append(moved)
-    costates, values = best_costates(rows, np.array(near))
+    chosen = np.repeat(chosen[:, None], rows.low.shape[1], axis=1)
+    costates, values = best_costates(rows, np.array(near), used=chosen)
     size = np.abs(costates) * np.maximum(np.abs(rows.low), np.abs(rows.high))
     size *= rows.lengths(np.array(near))[..., None]
     used: Bools = (size / values[:, None, None]).max(axis=0) > 1e-4
@@ -264,13 +283,16 @@ class _SimplexSearch:
         rows: Those that may be used.
         target: A leaf with this bound is closed.
         start: The corners of all segment times, `(K, K)`.
-        used: Which of the rows each joint may use, `(rows, joints)`.
+        used: Which of the rows each joint may use, `(rows, joints)`: for simplices that the first
+            such choice cannot bound well there are others.
+        choices: The choice with which each simplex is first bounded.
     """
 
     rows: SmoothnessConstraints
     target: float
     start: Array
-    used: Bools
+    used: list[Bools]
+    choices: list[int] = field(default_factory=list)
     corners: list[Array] = field(default_factory=list)
     bounds: list[float] = field(default_factory=list)
     leaves: list[Array | None] = field(default_factory=list)
@@ -279,9 +301,9 @@ class _SimplexSearch:
     least_left: float = np.inf  # bound of a simplex that is too small to be halved
 
     def __post_init__(self) -> None:
-        self._add(self.start[None], self.target)
+        self._add(self.start[None], self.target, np.zeros(1, dtype=int))
 
-    def _add(self, corners: Array, near: float) -> list[int]:
+    def _add(self, corners: Array, near: float, choice: Indices) -> list[int]:
         """Bound simplices, with limits where the equations alone do not reach the target."""
         low = free_bounds(self.rows, corners)
         costates: list[Array | None] = [None] * len(corners)
@@ -293,25 +315,35 @@ class _SimplexSearch:
             wanting = wanting[values < (1 + _NEAR_RTOL) * near]
         else:
             wanting = wanting[:0]
-        if len(wanting):
-            own = corners[wanting]
-            centre, _ = best_costates(self.rows, own.mean(axis=1), used=self.used)
-            times = own.reshape(-1, own.shape[-1])
-            found, _ = best_costates(self.rows, times, like=np.repeat(centre, own.shape[1], axis=0))
-            found = scaled_costates(self.rows, found, times)
-            found = found.reshape(*own.shape[:2], *found.shape[1:])
-            better = linear_bounds(self.rows, own, found)
-            for place, bound, y in zip(wanting, better, found, strict=True):
+        for number, used in enumerate(self.used):
+            own = wanting[choice[wanting] == number]
+            if not len(own):
+                continue
+            found, values = self._best_at_corners(corners[own], used)
+            better = linear_bounds(self.rows, corners[own], found)
+            for place, bound, y in zip(own, better, found, strict=True):
                 if bound > low[place]:
                     low[place] = bound
                     costates[place] = y
+            stuck = (better < self.target) & (better > (1 - _STUCK_RTOL) * values)
+            choice[own[stuck]] = min(number + 1, len(self.used) - 1)
         first = len(self.bounds)
         self.corners += list(corners)
         self.bounds += low.tolist()
         self.leaves += costates
+        self.choices += choice.tolist()
         added = list(range(first, len(self.bounds)))
         self.open_simplices += [k for k in added if self.bounds[k] < self.target]
         return added
+
+    def _best_at_corners(self, corners: Array, used: Bools) -> tuple[Array, Array]:
+        """Return the best costates at corners with the limits of the centre, and values there."""
+        centre, values = best_costates(self.rows, corners.mean(axis=1), used=used)
+        times = corners.reshape(-1, corners.shape[-1])
+        like = np.repeat(centre, corners.shape[1], axis=0)
+        found, _ = best_costates(self.rows, times, like=like)
+        found = scaled_costates(self.rows, found, times)
+        return found.reshape(*corners.shape[:2], *found.shape[1:]), values
 
     @property
     def may_improve(self) -> bool:
@@ -352,7 +384,8 @@ class _SimplexSearch:
         first, second = corners.copy(), corners.copy()
         first[each, i] = middle
         second[each, j] = middle
-        added = self._add(np.concatenate([first, second]), near)
+        choice = np.array([self.choices[k] for k in worst])
+        added = self._add(np.concatenate([first, second]), near, np.tile(choice, 2))
         for place, parent in enumerate(worst):
             parts = added[place], added[place + len(worst)]
             self.splits[parent] = (int(i[place]), int(j[place]), *parts)

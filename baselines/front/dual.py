@@ -290,6 +290,8 @@ def linear_bounds(rows: SmoothnessConstraints, corners: Array, costates: Array) 
         costates: `(simplices, K, rows, joints)`. The gain `y·c` is concave in them, so between
             corners it is at least its linear interpolation.
     """
+    some = np.flatnonzero((costates != 0).any(axis=(0, 1, 3)))
+    rows, costates = rows.only(some), costates[:, :, some]
     points = lattice(rows.segments, _degree(rows.order, 1)).points
     between = np.einsum("mc,bcrn->bmrn", points, costates)
     own = np.where(costates > 0, costates * rows.low, costates * rows.high).sum(-1)
@@ -342,20 +344,22 @@ def best_costates(
         used: The limits of each joint that may be active, `(rows, joints)`; all by default.
         like: Costates `(B, rows, joints)` to start from; only their own limits may be active.
     """
-    gram = rows.gram(times)
-    lengths = rows.lengths(times)
-    costates = np.zeros((*lengths.shape, rows.low.shape[1]))
+    allowed: Bools = np.ones(rows.low.shape, dtype=bool) if used is None else used.copy()
+    if like is not None:
+        allowed &= (like != 0).any(axis=0)
+    allowed[: rows.equations] = True
+    some = np.flatnonzero(allowed.any(axis=1))
+    few = rows.only(some)
+    gram = few.gram(times)
+    lengths = few.lengths(times)
+    costates = np.zeros((len(times), *rows.low.shape))
     values = np.zeros(len(times))
     for joint in range(rows.low.shape[1]):
-        own = np.ones(len(rows.power), dtype=bool) if used is None else used[:, joint].copy()
-        if like is not None:
-            own &= (like[:, :, joint] != 0).any(axis=0)
-        own[: rows.equations] = True
-        keep = np.flatnonzero(own)
-        low, high = (side[keep, joint] * lengths[:, keep] for side in (rows.low, rows.high))
-        start = None if like is None else like[:, keep, joint]
+        keep = np.flatnonzero(allowed[some, joint])
+        low, high = (side[keep, joint] * lengths[:, keep] for side in (few.low, few.high))
+        start = None if like is None else like[:, some[keep], joint]
         found, value = _active_set(gram[:, keep][:, :, keep], low, high, rows.equations, start)
-        costates[:, keep, joint] = found
+        costates[:, some[keep], joint] = found
         values += value
     return costates, values
 
