@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import random
+import signal
+import socket
 import subprocess
 import sys
 import time
@@ -90,6 +92,28 @@ def test_what_planners_require_of_scipy_is_loaded_before_forking(tmp_path: Path)
     results = compare(["one-joint"], [("mine", Requiring())], tmp_path)
     said = {trial.planner: trial.message for trial in results.items}
     assert said["mine"] == "found True"
+
+
+@pytest.mark.parametrize("sign", ["SIGKILL", "SIGSTOP"])
+def test_a_judge_starts_although_its_server_was_just_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sign: str
+) -> None:
+    monkeypatch.setattr(server, "_START_TIMEOUT_S", 20.0 if sign == "SIGKILL" else 3.0)
+    monkeypatch.setattr(server, "_END_TIMEOUT_S", 2.0)
+    control, hit = server._control, []
+
+    def dying() -> socket.socket:
+        found = control()
+        process = server._servers[-1].process
+        if not hit:
+            process.send_signal(getattr(signal, sign))
+            hit.append(process.pid)
+        return found
+
+    monkeypatch.setattr(server, "_control", dying)
+    results = compare(["one-joint"], ["ruckig-stop"], tmp_path)
+    assert {str(trial.status) for trial in results.items} == {"solved"}
+    assert hit
 
 
 def test_workers_have_the_environment_of_their_run(

@@ -41,6 +41,9 @@ server.serve(int(descriptor))
 """
 _SHARED = ("scipy.linalg", "scipy.optimize")  # start no threads
 _END_TIMEOUT_S = 30.0  # for killed processes to be gone
+_START_TIMEOUT_S = 60.0  # for a judge to say that it runs
+_STARTED = b"\n"  # what it says
+_DYING_S = 1.0  # from the end of its links to that of a server
 _FORK = b"\xff"  # a message; any other is a number in `_SHARED`
 # Trials that run side by side must not fight for cores. NumPy reads this when it is imported.
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -86,12 +89,38 @@ _lock = threading.Lock()
 _servers: list[_Server] = []  # the last one is used
 
 
-def judge_link() -> socket.socket:
-    """Start a judge; return the link to it."""
+def judge_link(starts: int = 3) -> socket.socket:
+    """Start a judge; return the link to it.
+
+    A planner may just have killed the server, or stopped it: then another one starts the judge.
+
+    Args:
+        starts: How many servers are tried.
+    """
     mine, theirs = socket.socketpair()
     with _lock, theirs:
-        socket.send_fds(_control(), [_FORK], [theirs.fileno()])
-    return mine
+        control = _control()
+        used = _servers[-1]
+        with suppress(OSError):  # it is not there any more
+            socket.send_fds(control, [_FORK], [theirs.fileno()])
+    if _has_started(mine, used) or starts == 1:
+        return mine
+    mine.close()
+    return judge_link(starts - 1)
+
+
+def _has_started(link: socket.socket, used: _Server) -> bool:
+    """Wait until a judge runs; return False if its server is gone, which may take a moment."""
+    link.settimeout(_START_TIMEOUT_S)
+    with suppress(ConnectionError, subprocess.TimeoutExpired):
+        try:
+            if link.recv(len(_STARTED)):
+                link.settimeout(None)
+                return True
+            used.process.wait(_DYING_S)
+        except TimeoutError:
+            used.end()
+    return False
 
 
 def load(required: Collection[str]) -> None:
@@ -99,7 +128,8 @@ def load(required: Collection[str]) -> None:
     with _lock:
         for number, name in enumerate(_SHARED):
             if name in required:
-                _control().sendall(bytes([number]))
+                with suppress(OSError):  # it has just been killed
+                    _control().sendall(bytes([number]))
 
 
 def _control() -> socket.socket:
@@ -145,7 +175,9 @@ def serve(descriptor: int) -> NoReturn:
                 if process == 0:
                     control.close()
                     try:
-                        judge.serve(socket.socket(fileno=link))
+                        mine = socket.socket(fileno=link)
+                        mine.sendall(_STARTED)
+                        judge.serve(mine)
                     finally:
                         os._exit(1)
                 judges.add(process)
