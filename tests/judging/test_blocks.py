@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from tests import kinds
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.core import trajectory as motions
 from trajopt.judging import repair
@@ -80,6 +81,36 @@ def test_a_motion_in_blocks_is_slowed_down_as_far(monkeypatch, walls):
     ours, theirs = found.certified_motion, expected.certified_motion
     np.testing.assert_array_equal(ours.coefficients, theirs.coefficients)
     assert verify(problem, ours).feasible
+
+
+@pytest.mark.usefixtures("strangers")
+@pytest.mark.parametrize(
+    "stranger",
+    [
+        {"pendulum_torque": {"gravity": [0.5, 0.5], "torque": [0.55, 0.55]}},
+        {"motor_power": {"power": [0.05, 0.05]}},
+    ],
+)
+def test_a_limit_of_each_joint_alone_that_a_stranger_wrote_is_judged_as_in_one(
+    monkeypatch, stranger
+):
+    """The dilation under the first is no power of its use: it is one of the repaired motion."""
+    monkeypatch.setattr(kinds.Torque, "separate", True)
+    monkeypatch.setattr(kinds.Torque, "monotone", True)
+    times = np.linspace(0.0, 4.0, 41)
+    share = times[:, None] / 4
+    positions = share**2 * (3 - 2 * share) * [1.0, 0.5]
+    velocities = 6 * share * (1 - share) / 4 * [1.0, 0.5]
+    given = Trajectory.from_samples(times, positions, velocities)
+    coefficients = np.array(given.coefficients)
+    coefficients[-2] += 1e-7 * np.random.default_rng(0).uniform(-1, 1, coefficients[-2].shape)
+    whole = Trajectory(given.breaks, coefficients, given.waypoint_times)
+    problem = Problem(positions[[0, -1]], Limits([1.0] * 2, [9.0] * 2, **stranger))
+    expected = verify(problem, whole)
+    assert expected.valid
+    assert expected.dilation > 1.01
+    found = verify(problem, in_blocks(monkeypatch, whole))
+    assert found.as_dict() == expected.as_dict()
 
 
 def test_joints_of_other_degrees_in_blocks_have_the_same_certificate(monkeypatch):

@@ -101,12 +101,15 @@ def is_by_joint(problem: Problem, trajectory: Trajectory) -> bool:
 def by_joint(
     problem: Problem, trajectory: Trajectory, judge: Callable[[int, Trajectory], T]
 ) -> list[T] | None:
-    """Return a judgement of each joint of what `repaired` returns: one joint is held at a time.
+    """Repair the joints one after the other, and return what `judge` says of each.
+
+    Each joint moves as in the motion that `repaired` returns, of which never more is in memory.
 
     Args:
         problem: of as many joints and waypoints as the trajectory has.
         trajectory: one for which `is_by_joint` is true.
-        judge: takes the joint's number and its motion; what it returned last counts.
+        judge: takes the joint's number and its motion. It may be asked twice of a joint; then the
+            second answer counts.
 
     Returns:
         The judgements; None where repair is impossible.
@@ -179,11 +182,12 @@ def _of_all_joints(asked: _Asked, trajectory: Trajectory, met: Bools) -> Traject
 
 @dataclass(frozen=True)
 class _Common:
-    """What all joints of a motion have in common.
+    """What is the same for all joints of a repaired motion.
 
     Attributes:
-        rows: coefficients of a polynomial, at least.
-        corrected: the orders of the corrections that are made in each pass.
+        rows: number of a polynomial's coefficients.
+        corrected: the corrections that are made in each pass, by the highest derivative that they
+            make continuous. If one joint needs such a correction, all joints of this order get one.
     """
 
     rows: int = 0
@@ -195,7 +199,7 @@ class _Common:
         return _Common(max(self.rows, other.rows), corrected)
 
     def of_order(self, order: int) -> _Common:
-        """Return it for a joint whose corrections are of this order."""
+        """Return what of it concerns a joint whose corrections are of this order."""
         return replace(self, corrected=tuple(own & {order} for own in self.corrected))
 
 
@@ -204,8 +208,9 @@ def _each_joint(
 ) -> list[T] | None:
     """Return what `judge` says of each joint of the repaired motion; None where there is none.
 
-    Joints have nothing in common but what `_Common` holds. It is known after all of them; a joint
-    that needs less by itself is then repaired and judged again.
+    A joint's repair depends on the other joints in two ways (`_Common`). So each joint is first
+    repaired as if it were alone. If another joint then needed more corrections, or a higher degree,
+    this one is repaired with as many, and judged again.
     """
     orders = np.where(asked.smooth >= 2, 2, 1).tolist()
     found: dict[int, T] = {}
@@ -233,7 +238,10 @@ def _each_joint(
 def _repaired(
     asked: _Asked, trajectory: Trajectory, met: Bools, common: _Common = _Common()
 ) -> tuple[Trajectory, _Common] | None:
-    """Return the repaired motion of these joints, and what was done; no less than in `common`."""
+    """Return the repaired motion of these joints, and the corrections and the degree that it has.
+
+    These are at least those of `common`.
+    """
     motion = trajectory
     corrected = []
     for least in common.corrected:
@@ -311,7 +319,7 @@ def _corrected(
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a problem asks of the repair, joint by joint: joints are the last axis.
+    """What a repair must know of the problem. The last axis of every array is that of the joints.
 
     Attributes:
         waypoints: rad, `(waypoints, joints)`.
@@ -367,7 +375,7 @@ class _Asked:
         )
 
     def only(self, joints: slice | Indices) -> _Asked:
-        """Return what is asked of some joints."""
+        """Return the same for some of the joints."""
         found = {key: own[..., joints] for key, own in vars(self).items() if np.ndim(own)}
         return replace(self, **found)
 

@@ -328,10 +328,14 @@ def _judged(
 
 
 def _is_separate(problem: Problem, trajectory: Trajectory, unjudged: Collection[str]) -> bool:
-    """Return whether a motion is judged joint by joint: it is long, and no limit couples them."""
+    """Return whether a motion is judged joint by joint: it is long, and no limit couples them.
+
+    Nor does a limit need the whole motion for its dilation, which is a power of its worst use.
+    """
     limits = [limit for key, limit in problem.limits.kinds.items() if key not in unjudged]
+    by_use = all(limit.degree is not None for limit in limits if limit.is_ratio)
     alone = all(limit.separate and limit.monotone for limit in limits)
-    return alone and is_by_joint(problem, trajectory)
+    return by_use and alone and is_by_joint(problem, trajectory)
 
 
 def _by_joint(
@@ -352,10 +356,14 @@ def _by_joint(
 
     def of_joint(joint: int, motion: Trajectory) -> dict[str, Use]:
         limits = problem.limits.only([joint])
-        return {
-            key: limits.worst(key, motion)._replace(joint=joint)
+        uses = {
+            key: limits.worst(key, motion)
             for key, limit in limits.kinds.items()
             if limit.is_ratio and key not in unjudged
+        }
+        return {
+            key: use if use.joint is None else use._replace(joint=joint)
+            for key, use in uses.items()
         }
 
     each = by_joint(problem, trajectory, of_joint)
